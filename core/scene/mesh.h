@@ -1,0 +1,62 @@
+// Meshes as USD describes them, before dicing.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "core/scene/math.h"
+
+namespace encore {
+
+// Names and meanings of the enumerations are UsdGeomMesh's.
+enum class SubdivisionScheme { None, CatmullClark, Loop, Bilinear };
+enum class InterpolateBoundary { None, EdgeOnly, EdgeAndCorner };
+enum class FaceVaryingInterpolation { None, CornersOnly, CornersPlus1, CornersPlus2, Boundaries, All };
+enum class TriangleSubdivision { CatmullClark, Smooth };
+enum class Interpolation { Constant, Uniform, Vertex, Varying, FaceVarying };
+
+// values[indices[i]] (or values[i] without indices) belongs to element i of the interpolation:
+// the mesh, a face, a point, a point, a face corner.
+template <class T>
+struct Primvar {
+  std::string name;
+  Interpolation interpolation = Interpolation::Constant;
+  std::vector<T> values;
+  std::vector<int32_t> indices;  // empty: identity
+
+  bool empty() const { return values.empty(); }
+};
+
+struct Mesh {
+  std::string path;  // prim path, for messages
+  SubdivisionScheme scheme = SubdivisionScheme::CatmullClark;
+  InterpolateBoundary boundary = InterpolateBoundary::EdgeAndCorner;
+  FaceVaryingInterpolation face_varying = FaceVaryingInterpolation::CornersPlus1;
+  TriangleSubdivision triangle_subdivision = TriangleSubdivision::CatmullClark;
+  bool left_handed = false;
+  bool double_sided = false;
+
+  std::vector<Vec3f> points;  // prototype space
+  std::vector<int32_t> face_vertex_counts;
+  std::vector<int32_t> face_vertex_indices;
+  std::vector<int32_t> hole_indices;
+  std::vector<int32_t> corner_indices;
+  std::vector<float> corner_sharpnesses;
+  std::vector<int32_t> crease_indices;  // runs of crease_lengths[i] points
+  std::vector<int32_t> crease_lengths;
+  std::vector<float> crease_sharpnesses;  // one per crease, or one per edge of every crease
+
+  Primvar<Vec3f> normals;               // used only where scheme is None
+  Primvar<Vec3f> display_color;         // linear working space
+  std::vector<Primvar<Vec2f>> texcoords;  // by name; a material asks for one by name
+
+  // Material of every base face: empty (all faces use material), or one index per face; -1: material.
+  std::vector<int32_t> face_materials;
+  int32_t material = 0;
+
+  float target_edge_length_world = 0;  // primvars:encore:targetEdgeLength; 0: the default
+  float shading_rate = 0;              // primvars:encore:shadingRate; 0: the frame's. Read, not yet used
+};
+
+}  // namespace encore

@@ -1,0 +1,53 @@
+// What is to be rendered, as plain validated descriptions. No USD, no Embree, no Vulkan.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "core/scene/camera.h"
+#include "core/scene/light.h"
+#include "core/scene/material.h"
+#include "core/scene/math.h"
+#include "core/scene/mesh.h"
+#include "core/scene/settings.h"
+
+namespace encore {
+
+// Meshes that are placed together; all of their points are in the prototype's space.
+struct Prototype {
+  std::string path;
+  std::vector<uint32_t> meshes;  // indices into Scene::meshes
+};
+
+struct Instance {
+  std::string path;
+  uint32_t prototype = 0;
+  Affine3d to_world;
+  int32_t material = -1;  // overrides the meshes' materials when not negative
+};
+
+struct Scene {
+  std::vector<Mesh> meshes;
+  std::vector<Prototype> prototypes;
+  std::vector<Instance> instances;
+  std::vector<Texture> textures;
+  std::vector<Material> materials;  // material 0 exists
+  std::vector<Light> lights;
+  Camera camera;
+
+  // Throws Error(Scene) that names the prim path, the attribute, what was found and what to do.
+  // After it, indices are in range, arrays have the sizes their interpolation asks for, all numbers
+  // are finite, transforms are invertible, and there is at least one face to render.
+  void validate() const;
+};
+
+// One mesh's part of validate(), so that callers can drop and report a single bad mesh.
+void validateMesh(const Mesh& mesh, size_t material_count);
+
+// The same scene with `origin` moved to (0, 0, 0): keeps float32 world coordinates accurate near the
+// camera however far from the world's origin the shot takes place. origin must be representable exactly
+// enough for subtraction in double; instances, lights and camera move, prototypes do not.
+void rebase(Scene& scene, Vec3d origin);
+
+}  // namespace encore

@@ -1,0 +1,36 @@
+// Everything that steers a frame and is not in the scene. Every field is recorded in the output's header.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+namespace encore {
+
+enum class Method { Reuse, Reference };  // Reference: shade every antialiasing sample
+enum class FilterKind { Box, Gaussian, Mitchell, BlackmanHarris };
+
+struct Settings {
+  Method method = Method::Reuse;
+  uint32_t width = 960, height = 540;
+  uint32_t samples = 8;         // samples × samples antialiasing samples per pixel
+  float shading_rate = 2;       // shading samples per pixel per layer (the paper's shading_rate)
+  uint32_t max_bounces = 4;     // mirror, glossy and refractive bounces after the first hit
+  FilterKind filter = FilterKind::BlackmanHarris;
+  float filter_radius_pixels = 1.5f;
+  float target_edge_length_world = 0;  // of meshes without their own; 0: from each mesh's size
+  uint64_t max_micropolygons = 100'000'000;
+  uint32_t light_samples = 16;       // rays per area light and shade
+  uint32_t occlusion_samples = 64;   // rays per dome light and shade
+  uint32_t seed = 0;
+  uint32_t reuse_tile_pixels = 512;  // a multiple of kBlockPixels
+  uint64_t memory_budget_bytes = 0;  // samples, trees and film; 0: from the device
+  uint32_t threads = 0;              // 0: all
+  bool dome_light_visible = false;   // to the camera
+  bool lights_visible = false;       // area lights to the camera
+  float roughness_limit = 0.3f;      // lobes up to this roughness are traced, rougher ones shaded
+
+  // Throws Error(Setting) that names the field, the value and the range.
+  void validate() const;
+};
+
+}  // namespace encore

@@ -1,0 +1,82 @@
+// The acceleration structure: one scene per prototype, one level of instances. Embree stays in the .cpp
+// and in embree_api.h.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "core/dice/dice.h"
+#include "core/scene/scene.h"
+#include "core/trace/ray.h"
+
+namespace encore {
+
+// What is known at a hit, in world space.
+struct SurfacePoint {
+  Vec3f position;
+  Vec3f position_error;  // per axis bound on the rounding error of position (Pharr et al., PBR §6.8)
+  Vec3f ng, ns;          // unit geometric and shading normal, both towards the outside
+  uint32_t side = 0;     // 0: the ray arrived from outside, 1: from inside (the back)
+  uint32_t primitive = 0;  // within the instance's prototype
+  Vec2f uv;              // within the primitive
+  int32_t material = 0;  // index into Scene::materials
+  Vec3f e1, e2;          // world-space edges of the triangle from its first vertex
+  Vec3f dn1, dn2;        // change of ns over e1 and e2 (0 where faceted): for curvature
+
+  SurfaceKey key(uint32_t instance) const { return {instance, primitive << 1 | side}; }
+  // Origin of a ray that leaves towards `direction`: beyond the rounding error, on the side it leaves to.
+  Vec3f offsetOrigin(Vec3f direction) const;
+  // Change of the barycentric coordinates (b1, b2) for a step dp on the tangent plane.
+  Vec2f barycentricChange(Vec3f dp) const;
+};
+
+// Values of interpolated primvars at a hit and their change over the footprint.
+struct TexcoordPoint {
+  Vec2f st, dstdx, dstdy;
+};
+
+class TraceScene {
+ public:
+  // Keeps references to scene and diced; both must outlive it. threads: for building.
+  TraceScene(const Scene& scene, const std::vector<DicedMesh>& diced);
+  ~TraceScene();
+
+  // Traces rays in order, 16 to a packet (the last one partly filled). Thread-safe.
+  // hits.size() == rays.size().
+  void intersect(std::span<const Ray> rays, std::span<Hit> hits, Coherence coherence) const;
+  // occluded[i] = 1 if anything lies within (tnear, tfar) of rays[i], else 0. Thread-safe.
+  void occluded(std::span<const Ray> rays, std::span<uint8_t> occluded, Coherence coherence) const;
+
+  // Precondition: hit.valid(). direction: of the ray that made it.
+  SurfacePoint surface(const Hit& hit, Vec3f direction) const;
+  // The named texture coordinates of the hit's mesh; slot from texcoordSlot(). Slot -1: zeros.
+  TexcoordPoint texcoord(const Hit& hit, const SurfacePoint& point, int32_t slot, Vec3f dpdx, Vec3f dpdy) const;
+  // Slot of the texture coordinates `name` in the mesh that was hit, or -1.
+  int32_t texcoordSlot(const Hit& hit, const std::string& name) const;
+  Vec3f displayColor(const Hit& hit) const;  // 0.18 grey where the mesh has none
+  // Average length of the change of the parametric (u, v) over a pixel step (§2.4's r).
+  float parametricFootprint(const Hit& hit, const SurfacePoint& point, Vec3f dpdx, Vec3f dpdy) const;
+
+  uint64_t primitiveCount() const;      // summed over instances: Table 1's #prims
+  uint64_t micropolygonCount() const;   // diced once per prototype: Table 1's #mpoly
+  uint64_t memoryBytes() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// Sets flush-to-zero and denormals-are-zero on this thread, as Embree asks, and restores them.
+class FlushDenormals {
+ public:
+  FlushDenormals();
+  ~FlushDenormals();
+  FlushDenormals(const FlushDenormals&) = delete;
+  FlushDenormals& operator=(const FlushDenormals&) = delete;
+
+ private:
+  uint32_t saved_;
+};
+
+}  // namespace encore
