@@ -4,7 +4,6 @@
 #include <cstdint>
 #include <functional>
 #include <map>
-#include <memory>
 #include <string>
 #include <vector>
 
@@ -52,16 +51,8 @@ struct Frame {
 // Returning false cancels: render() throws Error(Cancelled).
 using Progress = std::function<bool(double done, const char* stage)>;
 
-// Blocks that may be in flight under a memory budget; a pure function, so that extremes can be tested.
-struct MemoryPlan {
-  uint32_t blocks_per_batch = 1;
-  uint64_t fixed_bytes = 0;      // trees and samples of a reuse tile, all layers
-  uint64_t bytes_per_block = 0;
-};
-// Throws Error(Memory) that names the smallest sufficient budget.
-MemoryPlan planMemory(const Settings& settings, uint32_t layers, uint64_t budget_bytes);
-
-Frame render(const Scene& scene, const Settings& settings, const std::shared_ptr<Device>& device,
-             const Progress& progress = {});
+// Renders one frame on `device`. The scene is moved to the camera's origin while it renders and put back
+// after it (see rebase()). Throws Error.
+Frame render(Scene& scene, const Settings& settings, Device& device, const Progress& progress = {});
 
 }  // namespace encore

@@ -1,0 +1,211 @@
+// The whole loop on a small scene of every layer, against its promises (design: rules that hold everywhere).
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <cstring>
+
+#include "core/render/render_loop.h"
+#include "core/scene/error.h"
+
+namespace encore {
+namespace {
+
+Mesh quad(const char* path, Vec3f corner, Vec3f u, Vec3f v, int32_t material) {
+  Mesh mesh;
+  mesh.path = path;
+  mesh.scheme = SubdivisionScheme::None;
+  mesh.points = {corner, corner + u, corner + u + v, corner + v};
+  mesh.face_vertex_counts = {4};
+  mesh.face_vertex_indices = {0, 1, 2, 3};
+  mesh.material = material;
+  return mesh;
+}
+
+// A Catmull-Clark cube; with all edges sharp it would be a box, so this is a rounded one.
+Mesh cube(const char* path, float half, int32_t material) {
+  Mesh mesh;
+  mesh.path = path;
+  for (const float z : {-half, half})
+    for (const float y : {-half, half})
+      for (const float x : {-half, half}) mesh.points.push_back({x, y, z});
+  mesh.face_vertex_counts = {4, 4, 4, 4, 4, 4};
+  mesh.face_vertex_indices = {0, 2, 3, 1, 4, 5, 7, 6, 0, 1, 5, 4, 2, 6, 7, 3, 0, 4, 6, 2, 1, 3, 7, 5};
+  mesh.material = material;
+  mesh.target_edge_length_world = 0.1f;
+  return mesh;
+}
+
+void place(Scene& scene, Mesh mesh, Vec3d at) {
+  const uint32_t index = uint32_t(scene.meshes.size());
+  scene.prototypes.push_back({mesh.path, {index}});
+  Instance instance;
+  instance.path = mesh.path;
+  instance.prototype = index;
+  instance.to_world.origin = at;
+  scene.instances.push_back(instance);
+  scene.meshes.push_back(std::move(mesh));
+}
+
+Scene everyLayer() {
+  Scene scene;
+  Material diffuse, mirror, glass;
+  diffuse.path = "/diffuse";
+  diffuse.diffuse_color.value = {0.6f, 0.4f, 0.2f};
+  mirror.path = "/mirror";
+  mirror.metallic.value = 1;
+  mirror.roughness.value = 0;
+  mirror.diffuse_color.value = {0.9f, 0.9f, 0.9f};
+  glass.path = "/glass";
+  glass.opacity.value = 0;
+  glass.roughness.value = 0;
+  scene.materials = {diffuse, mirror, glass};
+  place(scene, quad("/floor", {-5, 0, 5}, {10, 0, 0}, {0, 0, -10}, 0), {0, 0, 0});
+  place(scene, quad("/mirror", {-3, 0, 0}, {6, 0, 0}, {0, 3, 0}, 1), {0, 0, -2});
+  place(scene, cube("/glass", 0.6f, 2), {-0.8, 0.7, 0});
+  place(scene, cube("/block", 0.5f, 0), {0.9, 0.5, 0});
+  Light dome, rect;
+  dome.kind = Light::Kind::Dome;
+  dome.path = "/sky";
+  dome.radiance = {0.4f, 0.5f, 0.6f};
+  rect.kind = Light::Kind::Rect;
+  rect.path = "/window";
+  rect.radiance = {6, 5, 4};
+  rect.centre = {0, 4, 1};
+  rect.half_u = {1, 0, 0};
+  rect.half_v = {0, 0, -1};
+  scene.lights = {dome, rect};
+  scene.camera.path = "/camera";
+  scene.camera.to_world.origin = {0, 1.2, 6};
+  scene.camera.half_tangent = {0.5f, 0.5f * 45 / 70};
+  return scene;
+}
+
+Settings smallFrame() {
+  Settings settings;
+  settings.width = 70;
+  settings.height = 45;
+  settings.samples = 3;
+  settings.reuse_tile_pixels = 32;
+  settings.light_samples = 4;
+  settings.occlusion_samples = 8;
+  settings.threads = 1;
+  return settings;
+}
+
+std::shared_ptr<Device> device() { return Device::create({.select = "", .validation = true}); }
+
+bool sameBits(const std::vector<Vec3f>& a, const std::vector<Vec3f>& b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(Vec3f)) == 0;
+}
+
+TEST(Render, CompositeIsTheSumOfItsLayersToTheLastBit) {
+  Scene scene = everyLayer();
+  const auto vulkan = device();
+  const Frame frame = render(scene, smallFrame(), *vulkan);
+  ASSERT_EQ(frame.layers.size(), 3u);
+  for (size_t i = 0; i < frame.images.composite.size(); ++i) {
+    Vec3f sum = frame.images.layers[0][i];
+    for (size_t layer = 1; layer < 3; ++layer) sum = sum + frame.images.layers[layer][i];
+    ASSERT_EQ(sum, frame.images.composite[i]) << "pixel " << i;
+  }
+  for (size_t layer = 0; layer < 3; ++layer) {
+    double total = 0;
+    for (const Vec3f c : frame.images.layers[layer]) total += c.y;
+    EXPECT_GT(total, 1.0) << layerName(frame.layers[layer]);
+  }
+  EXPECT_EQ(frame.statistics.non_finite_samples, 0u);
+}
+
+TEST(Render, DoesNotDependOnThreadsMemoryOrTheRun) {
+  Scene scene = everyLayer();
+  const auto vulkan = device();
+  Settings settings = smallFrame();
+  settings.memory_budget_bytes = 4ull << 30;
+  const Frame first = render(scene, settings, *vulkan);
+  // The smallest budget that holds one block.
+  uint64_t least = 1 << 20;
+  try {
+    settings.memory_budget_bytes = least;
+    render(scene, settings, *vulkan);
+  } catch (const Error& error) {
+    const std::string& remedy = error.remedy();
+    least = std::stoull(remedy.substr(remedy.find_first_of("0123456789"))) << 20;
+  }
+  for (const uint32_t threads : {1u, 2u})
+    for (const uint64_t budget : {least, uint64_t{4} << 30}) {
+      settings.threads = threads;
+      settings.memory_budget_bytes = budget;
+      const Frame again = render(scene, settings, *vulkan);
+      for (size_t layer = 0; layer < 3; ++layer)
+        EXPECT_TRUE(sameBits(first.images.layers[layer], again.images.layers[layer])) << threads << " " << budget;
+      EXPECT_TRUE(sameBits(first.images.normal, again.images.normal));
+      EXPECT_EQ(first.images.alpha, again.images.alpha);
+      EXPECT_EQ(first.images.depth, again.images.depth);
+    }
+}
+
+TEST(Render, ReuseShadesLessThanReferenceAndCountsIt) {
+  Scene scene = everyLayer();
+  const auto vulkan = device();
+  Settings settings = smallFrame();
+  settings.samples = 6;
+  const Frame reuse = render(scene, settings, *vulkan);
+  settings.method = Method::Reference;
+  const Frame reference = render(scene, settings, *vulkan);
+  for (const auto& [name, layer] : reference.statistics.layers) {
+    EXPECT_EQ(layer.shading_evaluations, layer.antialiasing_samples) << name;
+    EXPECT_EQ(layer.reshading_evaluations, 0u) << name;
+    const LayerStatistics& other = reuse.statistics.layers.at(name);
+    EXPECT_EQ(other.antialiasing_samples, layer.antialiasing_samples) << name;
+    EXPECT_LE(other.reshading_evaluations, other.failed_samples) << name;
+    EXPECT_LT(other.shading_evaluations * 6, layer.shading_evaluations) << name;
+  }
+}
+
+TEST(Render, MovingTheWholeSceneFarAwayChangesLittle) {
+  Scene near = everyLayer(), far = everyLayer();
+  const Vec3d offset{3e6, -2e6, 1e6};
+  for (Instance& instance : far.instances) instance.to_world.origin = instance.to_world.origin + offset;
+  for (Light& light : far.lights) light.centre = light.centre + offset;
+  far.camera.to_world.origin = far.camera.to_world.origin + offset;
+  const auto vulkan = device();
+  const Frame a = render(near, smallFrame(), *vulkan), b = render(far, smallFrame(), *vulkan);
+  double difference = 0, total = 0;
+  for (size_t i = 0; i < a.images.composite.size(); ++i) {
+    difference += std::abs(a.images.composite[i].y - b.images.composite[i].y);
+    total += a.images.composite[i].y;
+  }
+  EXPECT_LT(difference, 1e-3 * total);
+  // The scene is put back where it was.
+  EXPECT_EQ(far.camera.to_world.origin, everyLayer().camera.to_world.origin + offset);
+}
+
+TEST(Render, ALayerThatNothingFeedsDoesNotExist) {
+  Scene scene = everyLayer();
+  for (Mesh& mesh : scene.meshes) mesh.material = 0;
+  scene.materials[0].ior.value = 1.0f;  // no interface, so no reflection
+  const auto vulkan = device();
+  const Frame frame = render(scene, smallFrame(), *vulkan);
+  ASSERT_EQ(frame.layers.size(), 1u);
+  EXPECT_EQ(frame.layers[0], Layer::Direct);
+}
+
+TEST(Render, IsCancelledByItsProgress) {
+  Scene scene = everyLayer();
+  const auto vulkan = device();
+  double last = 0;
+  try {
+    render(scene, smallFrame(), *vulkan, [&](double done, const char*) {
+      EXPECT_GE(done, last);
+      last = done;
+      return done < 0.3;
+    });
+    FAIL() << "it went on";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.kind(), ErrorKind::Cancelled);
+  }
+  EXPECT_GE(last, 0.3);
+}
+
+}  // namespace
+}  // namespace encore
