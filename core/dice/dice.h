@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "core/scene/math.h"
@@ -14,15 +15,15 @@ namespace encore {
 // vertex; positions along an edge that two primitives share are bit-identical (no cracks).
 // Triangles wind so that cross(p1 - p0, p2 - p0) points to the outside (orientation respected).
 struct DicedMesh {
-  std::vector<Vec3f> positions;              // prototype space
-  std::vector<Vec3f> normals;                // per vertex, unit, outside; empty: faceted
-  std::vector<Vec2f> uv;                     // parametric coordinates within the primitive, in [0, 1]²
+  std::vector<Vec3f> positions;               // prototype space
+  std::vector<Vec3f> normals;                 // per vertex, unit, outside; empty: faceted
+  std::vector<Vec2f> uv;                      // parametric coordinates within the primitive, in [0, 1]²
   std::vector<std::vector<Vec2f>> texcoords;  // per vertex, in the order of Mesh::texcoords
-  std::vector<Vec3f> display_color;          // per vertex, or empty
-  std::vector<uint32_t> triangles;           // 3 indices per triangle
-  std::vector<uint32_t> triangle_primitive;  // per triangle
-  std::vector<uint32_t> primitive_face;      // per primitive: base face (before quadrangulation)
-  uint64_t micropolygons = 0;                // quads of grids, and undiced faces as one each
+  std::vector<Vec3f> display_color;           // per vertex, or empty
+  std::vector<uint32_t> triangles;            // 3 indices per triangle
+  std::vector<uint32_t> triangle_primitive;   // per triangle
+  std::vector<uint32_t> primitive_face;       // per primitive: base face (before quadrangulation)
+  uint64_t micropolygons = 0;                 // quads of grids, and undiced faces as one each
 
   size_t triangleCount() const { return triangle_primitive.size(); }
   size_t primitiveCount() const { return primitive_face.size(); }
@@ -31,17 +32,31 @@ struct DicedMesh {
 // Largest factor by which the transform stretches a vector (its largest singular value).
 float largestScale(const Affine3d& transform);
 
-// The edge length of meshes without their own: from the mesh's and the scene's world-space bounding box
-// diagonals. Independent of the camera, so that a shot dices alike in every frame.
-float defaultEdgeLength(float mesh_diagonal_world, float scene_diagonal_world);
+// The edge length, in world space, of subdivision meshes without their own:
+//   max(min(mesh / 128, base_edge / 4), min(scene / 4096, mesh / 64)).
+// mesh / 128 draws a sphere with some 230 edges around; base_edge / 4 keeps thin parts of large meshes
+// round; scene / 4096 is a pixel of a 4K frame that shows everything, and finer would be wasted on the
+// many small things of a large scene, but a huge ground must not coarsen a mesh below mesh / 64.
+// Independent of the camera, so that a shot dices alike in every frame.
+// mesh_diagonal_world, scene_diagonal_world: diagonals of the bounding boxes (the mesh's own box times its
+// largest scale, so that turning it changes nothing). base_edge_world: mean length of the base faces' edges.
+// The result is > 0 and finite when mesh_diagonal_world is; 1 when it is not.
+float defaultEdgeLength(float mesh_diagonal_world, float scene_diagonal_world,
+                        float base_edge_world = std::numeric_limits<float>::infinity());
 
-// Dices one mesh. edge_length: target length in prototype space (world length / largest scale), > 0.
+// Dices one mesh. edge_length: target length in prototype space (world length / largest scale), > 0; edges
+// of grids keep it within 1e-5 of itself and float rounding of positions (the strips that join neighbours
+// of different rates, and diagonals, may be longer).
+// Bilinear meshes are diced only where they have a target_edge_length_world of their own.
 // Throws Error(Memory) that names the mesh and the edge length when it would make more than
-// max_micropolygons. Precondition: validateMesh(mesh).
+// max_micropolygons, Error(Scene) when OpenSubdiv cannot use the topology.
+// Precondition: validateMesh(mesh).
 DicedMesh diceMesh(const Mesh& mesh, float edge_length, uint64_t max_micropolygons);
 
 // Dices every mesh of the scene at its resolved edge length, in parallel, deterministically.
-// Meshes whose every face is undiced ignore the length. Returned in the order of scene.meshes.
+// Meshes whose every face is undiced ignore the length; meshes that no instance shows come back empty.
+// Returned in the order of scene.meshes. max_micropolygons bounds the sum over the meshes.
+// Errors as diceMesh: that of the first mesh that has one.
 std::vector<DicedMesh> diceScene(const Scene& scene, const Settings& settings);
 
 }  // namespace encore

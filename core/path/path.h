@@ -20,9 +20,9 @@ std::vector<Layer> sceneLayers(const Scene& scene, const Settings& settings);
 struct FirstHit {
   Vec3f origin, direction;
   Hit hit;
-  float film_x = 0, film_y = 0;  // pixels, y down
+  float film_x = 0, film_y = 0;    // pixels, y down
   uint32_t pixel = 0, sample = 0;  // random number key
-  bool active = false;           // false: outside of the image; such slots give zero
+  bool active = false;             // false: outside of the image; such slots give zero
 };
 
 // Camera rays of the image. film coordinates: pixels from the upper left corner of the image, y down.
@@ -35,9 +35,13 @@ class CameraRays {
   float depth(Vec3f point) const;  // along -Z of the camera, world units
 
  private:
-  Vec3f origin_, ex_, ey_, ez_;
-  Vec3f right_, up_, forward_;
-  float width_, height_, tan_x_, tan_y_, centre_x_, centre_y_, near_, far_;
+  Vec3f filmDirection(float film_x, float film_y) const;  // not normalized; affine in the film coordinates
+
+  Vec3f origin_;
+  Vec3f centre_, step_x_, step_y_;  // filmDirection at the middle of the film, and its change over a pixel
+  Vec3f forward_;                   // unit normal of the clipping planes
+  float half_width_, half_height_;  // pixels
+  float near_, far_;
 };
 
 // Fills active slots' origin and direction from film_x, film_y and traces them, block by block.

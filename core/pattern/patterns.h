@@ -12,8 +12,8 @@
 
 namespace encore {
 
-// GLSL (a compute shader, #version 460, target Vulkan 1.3) → SPIR-V. name: for messages.
-// include_text: contents of records.h, which generated code includes as "records.h".
+// GLSL (a compute shader, #version 460, target Vulkan 1.3) → SPIR-V. name: for messages. Thread-safe.
+// It may include "records.h" and "pattern/*.glsl" (names below shaders/), which the library holds as text.
 // Throws Error(Internal) with glslang's log.
 std::vector<uint32_t> compileGlsl(const std::string& source, const std::string& name);
 

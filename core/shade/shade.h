@@ -16,7 +16,7 @@ namespace encore {
 
 // Where a path was absorbed (Listing 2's return value): the input of shade().
 struct PathVertex {
-  Hit hit;             // not valid: radiance is carried in throughput (light, background, nothing)
+  Hit hit;  // not valid: radiance is carried in throughput (light, background, nothing)
   Vec3f throughput;
   Vec3f direction;     // of the ray that arrived, unit
   Vec3f dpdx, dpdy;    // footprint of the pixel on the surface, world space

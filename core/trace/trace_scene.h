@@ -15,14 +15,14 @@ namespace encore {
 // What is known at a hit, in world space.
 struct SurfacePoint {
   Vec3f position;
-  Vec3f position_error;  // per axis bound on the rounding error of position (Pharr et al., PBR §6.8)
-  Vec3f ng, ns;          // unit geometric and shading normal, both towards the outside
-  uint32_t side = 0;     // 0: the ray arrived from outside, 1: from inside (the back)
+  Vec3f position_error;    // per axis bound on the rounding error of position (Pharr et al., PBR §6.8)
+  Vec3f ng, ns;            // unit geometric and shading normal, both towards the outside
+  uint32_t side = 0;       // 0: the ray arrived from outside, 1: from inside (the back)
   uint32_t primitive = 0;  // within the instance's prototype
-  Vec2f uv;              // within the primitive
-  int32_t material = 0;  // index into Scene::materials
-  Vec3f e1, e2;          // world-space edges of the triangle from its first vertex
-  Vec3f dn1, dn2;        // change of ns over e1 and e2 (0 where faceted): for curvature
+  Vec2f uv;                // within the primitive
+  int32_t material = 0;    // index into Scene::materials
+  Vec3f e1, e2;            // world-space edges of the triangle from its first vertex
+  Vec3f dn1, dn2;          // change of ns over e1 and e2 (0 where faceted): for curvature
 
   SurfaceKey key(uint32_t instance) const { return {instance, primitive << 1 | side}; }
   // Origin of a ray that leaves towards `direction`: beyond the rounding error, on the side it leaves to.
@@ -38,7 +38,8 @@ struct TexcoordPoint {
 
 class TraceScene {
  public:
-  // Keeps references to scene and diced; both must outlive it. threads: for building.
+  // Keeps references to scene and diced; both must outlive it. Builds with the threads of the TBB arena
+  // it is called in; the result does not depend on them.
   TraceScene(const Scene& scene, const std::vector<DicedMesh>& diced);
   ~TraceScene();
 
@@ -50,6 +51,7 @@ class TraceScene {
 
   // Precondition: hit.valid(). direction: of the ray that made it.
   SurfacePoint surface(const Hit& hit, Vec3f direction) const;
+  int32_t material(const Hit& hit) const;  // index into Scene::materials, as in surface()
   // The named texture coordinates of the hit's mesh; slot from texcoordSlot(). Slot -1: zeros.
   TexcoordPoint texcoord(const Hit& hit, const SurfacePoint& point, int32_t slot, Vec3f dpdx, Vec3f dpdy) const;
   // Slot of the texture coordinates `name` in the mesh that was hit, or -1.
@@ -58,9 +60,12 @@ class TraceScene {
   // Average length of the change of the parametric (u, v) over a pixel step (§2.4's r).
   float parametricFootprint(const Hit& hit, const SurfacePoint& point, Vec3f dpdx, Vec3f dpdy) const;
 
-  uint64_t primitiveCount() const;      // summed over instances: Table 1's #prims
-  uint64_t micropolygonCount() const;   // diced once per prototype: Table 1's #mpoly
+  uint64_t primitiveCount() const;     // summed over instances: Table 1's #prims
+  uint64_t micropolygonCount() const;  // diced once per prototype: Table 1's #mpoly
   uint64_t memoryBytes() const;
+  // Instances that are left out because their scale is beyond single precision (below about 1e-9).
+  std::vector<uint32_t> untraceable() const;
+  float diagonal() const;  // of the world-space bounding box; 0 for an empty scene
 
  private:
   struct Impl;

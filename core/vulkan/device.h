@@ -14,8 +14,9 @@
 namespace encore {
 
 struct DeviceOptions {
-  std::string select;       // name (case-insensitive substring) or index; empty: $ENCORE_DEVICE, else the best
+  std::string select = {};  // name (case-insensitive substring) or index; empty: $ENCORE_DEVICE, else the best
   bool validation = false;  // VK_LAYER_KHRONOS_validation; its messages become Error(Device) at submission
+  bool staging = false;     // host copies even where memory is shared: how tests reach that path
 };
 
 struct DeviceInfo {
@@ -35,10 +36,13 @@ class Kernel;
 class RawBuffer;
 
 // One device with one compute queue. Not thread-safe: one thread submits at a time.
+// Must outlive its buffers, kernels and commands.
 class Device {
  public:
   // Throws Error(Device) that says what was found and what to install.
   static std::shared_ptr<Device> create(const DeviceOptions& options = {});
+  // Every device of every driver, usable or not, in the order of the indices that select one.
+  // Empty when there is no driver or no loader; create() says what is missing.
   static std::vector<DeviceInfo> list();
   ~Device();
 
@@ -62,7 +66,7 @@ class Device {
 // elsewhere it is a host copy that toDevice() and toHost() move.
 class RawBuffer {
  public:
-  RawBuffer() = default;
+  RawBuffer();
   RawBuffer(Device& device, size_t bytes, std::string_view name);
   RawBuffer(RawBuffer&&) noexcept;
   RawBuffer& operator=(RawBuffer&&) noexcept;
@@ -113,7 +117,7 @@ class Buffer {
 // A compute kernel: one entry point `main`, push constants for all arguments (buffers by address).
 class Kernel {
  public:
-  Kernel() = default;
+  Kernel();
   // spirv: as compiled by CMake or by compileGlsl(). constants: values of specialisation constants 0, 1, …
   Kernel(Device& device, std::string name, std::span<const uint32_t> spirv, std::span<const uint32_t> constants = {});
   Kernel(Kernel&&) noexcept;
@@ -129,6 +133,7 @@ class Kernel {
 };
 
 // Records dispatches and runs them in order; each sees the writes of those before it.
+// Kernels and buffers must live until run() has returned.
 class Commands {
  public:
   explicit Commands(Device& device);

@@ -1,0 +1,87 @@
+#include "core/dice/shared_edges.h"
+
+namespace encore {
+
+SharedEdges::SharedEdges(const LimitTopology& topology) : topology_(topology) {
+  const auto base = topology.base();
+  base_edges_ = uint32_t(base.GetNumEdges());
+  edge_owner_.assign(base_edges_, -1);
+  even_.assign(base_edges_, 0);
+  corner_owner_.assign(size_t(base.GetNumVertices()), -1);
+  corners_.resize(corner_owner_.size());
+  middles_.resize(size_t(base.GetNumFaces()));
+  inner_first_.assign(size_t(base.GetNumFaces()), 0);
+  for (int32_t face = 0; face < base.GetNumFaces(); ++face) {
+    if (!topology.hasLimit(face)) continue;
+    const bool split = topology.isSplit(face);
+    inner_first_[face] = base_edges_ + uint32_t(inner_base_.size());
+    for (const int32_t edge : base.GetFaceEdges(face)) {
+      if (edge_owner_[edge] < 0) edge_owner_[edge] = face;
+      if (!split) continue;
+      even_[edge] = 1;
+      inner_base_.push_back(uint32_t(edge));
+      inner_face_.push_back(uint32_t(face));
+    }
+    for (const int32_t point : base.GetFaceVertices(face))
+      if (corner_owner_[point] < 0) corner_owner_[point] = face;
+  }
+  even_.resize(base_edges_ + inner_base_.size(), 0);
+  rate_.assign(even_.size(), 1);
+  points_.resize(even_.size());
+}
+
+void SharedEdges::placeCorners(int32_t face, const LimitSurface& surface) {
+  double p[3];
+  const auto points = topology_.base().GetFaceVertices(face);
+  for (int32_t k = 0; k < points.size(); ++k) {
+    if (corner_owner_[points[k]] != face) continue;
+    surface.evaluateEdge(k, 0, p);
+    corners_[points[k]] = toFloat(Vec3d{p[0], p[1], p[2]});
+  }
+  if (!topology_.isSplit(face)) return;
+  surface.evaluate(0, {1, 1}, p);
+  middles_[face] = toFloat(Vec3d{p[0], p[1], p[2]});
+}
+
+bool SharedEdges::ownsDicedEdge(int32_t face) const {
+  const auto edges = topology_.base().GetFaceEdges(face);
+  for (int32_t k = 0; k < edges.size(); ++k) {
+    if (edge_owner_[edges[k]] == face && rate_[edges[k]] > 1) return true;
+    if (topology_.isSplit(face) && rate_[inner_first_[face] + uint32_t(k)] > 1) return true;
+  }
+  return false;
+}
+
+// Whether edge k of the face runs from its first vertex to its second, which is the edge's own direction.
+bool SharedEdges::isForward(int32_t face, int32_t k) const {
+  const auto base = topology_.base();
+  return base.GetFaceVertices(face)[k] == base.GetEdgeVertices(base.GetFaceEdges(face)[k])[0];
+}
+
+Vec3f SharedEdges::edgePoint(uint32_t edge, uint32_t i) const {
+  if (i > 0 && i < rate_[edge]) return points_[edge][i - 1];
+  if (edge < base_edges_) return corners_[topology_.base().GetEdgeVertices(int(edge))[i == 0 ? 0 : 1]];
+  const uint32_t inner = edge - base_edges_, from = inner_base_[inner];
+  return i == 0 ? edgePoint(from, rate_[from] / 2) : middles_[inner_face_[inner]];
+}
+
+PrimitiveSide SharedEdges::side(int32_t face, int32_t corner, int side) const {
+  const auto edges = topology_.base().GetFaceEdges(face);
+  const int32_t n = edges.size();
+  if (!topology_.isSplit(face)) {
+    const uint32_t edge = uint32_t(edges[side]), rate = rate_[edge];
+    return isForward(face, side) ? PrimitiveSide{edge, 0, 1, rate} : PrimitiveSide{edge, rate, -1, rate};
+  }
+  // The quad at a corner: half of the edge that leaves it, in to the face's middle, out to the middle of
+  // the edge that arrives, and along its second half back.
+  const int32_t before = (corner + n - 1) % n;
+  const uint32_t inner = inner_first_[face];
+  if (side == 1) return {inner + uint32_t(corner), 0, 1, rate_[inner + corner]};
+  if (side == 2) return {inner + uint32_t(before), rate_[inner + before], -1, rate_[inner + before]};
+  const int32_t k = side == 0 ? corner : before;
+  const uint32_t edge = uint32_t(edges[k]), half = rate_[edge] / 2;
+  const bool forward = isForward(face, k);
+  return {edge, side == 3 ? half : forward ? 0 : rate_[edge], forward ? 1 : -1, half};
+}
+
+}  // namespace encore

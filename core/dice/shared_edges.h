@@ -1,0 +1,87 @@
+// What the primitives of a subdivision mesh share: vertices and edges, each evaluated once, on the face of
+// the lowest index that holds it, so that neighbours copy the same bits (§3.4: no cracks).
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "core/dice/limit_surface.h"
+#include "core/scene/math.h"
+
+namespace encore {
+
+// One side of a primitive, as a run of points along a shared edge.
+struct PrimitiveSide {
+  uint32_t edge = 0;
+  uint32_t first = 0;  // point of the edge where the side begins
+  int32_t step = 1;    // +1: runs along the edge; -1: against it
+  uint32_t count = 1;  // segments
+};
+
+class SharedEdges {
+ public:
+  explicit SharedEdges(const LimitTopology& topology);
+
+  // Calls visit(edge, curve) for every edge that the face owns; curve(t) is the limit position at t in
+  // [0, 1] along the edge's own direction. surface: of positions, bound to the face.
+  template <class Visit>
+  void visitOwnedEdges(int32_t face, const LimitSurface& surface, const Visit& visit) const;
+  bool ownsDicedEdge(int32_t face) const;
+  // Evaluates the vertices that the face owns.
+  void placeCorners(int32_t face, const LimitSurface& surface);
+
+  // Middles of edges of split faces are vertices: such edges have even rates.
+  bool isEven(uint32_t edge) const { return even_[edge] != 0; }
+  uint32_t edgeCount() const { return uint32_t(rate_.size()); }
+  uint32_t rate(uint32_t edge) const { return rate_[edge]; }
+  void setRate(uint32_t edge, uint32_t rate) { rate_[edge] = rate; }
+  // Positions at t = 1 / rate, ..., (rate - 1) / rate.
+  void setPoints(uint32_t edge, std::vector<Vec3f> points) { points_[edge] = std::move(points); }
+
+  PrimitiveSide side(int32_t face, int32_t corner, int side) const;
+  Vec3f point(const PrimitiveSide& side, uint32_t i) const {
+    return edgePoint(side.edge, uint32_t(int64_t(side.first) + int64_t(side.step) * i));
+  }
+
+ private:
+  bool isForward(int32_t face, int32_t k) const;
+  Vec3f edgePoint(uint32_t edge, uint32_t i) const;
+
+  const LimitTopology& topology_;
+  uint32_t base_edges_ = 0;
+  // Edges: those of the base mesh, then for every split face one from the middle of each of its edges to
+  // its own middle.
+  std::vector<uint32_t> rate_;
+  std::vector<uint8_t> even_;
+  std::vector<std::vector<Vec3f>> points_;
+  std::vector<int32_t> edge_owner_;    // base edges: face, or -1
+  std::vector<uint32_t> inner_first_;  // per face: its first inner edge
+  std::vector<uint32_t> inner_base_;   // per inner edge: the base edge it starts on
+  std::vector<uint32_t> inner_face_;   // per inner edge: its face
+  std::vector<int32_t> corner_owner_;  // base points: face, or -1
+  std::vector<Vec3f> corners_;         // limit positions of base points
+  std::vector<Vec3f> middles_;         // limit positions of the middles of faces; used for split ones
+};
+
+template <class Visit>
+void SharedEdges::visitOwnedEdges(int32_t face, const LimitSurface& surface, const Visit& visit) const {
+  const auto position = [](const auto& evaluate) {
+    double p[3];
+    evaluate(p);
+    return toFloat(Vec3d{p[0], p[1], p[2]});
+  };
+  const auto edges = topology_.base().GetFaceEdges(face);
+  for (int32_t k = 0; k < edges.size(); ++k) {
+    if (edge_owner_[edges[k]] != face) continue;
+    const bool forward = isForward(face, k);
+    visit(uint32_t(edges[k]),
+          [&](double t) { return position([&](double* p) { surface.evaluateEdge(k, forward ? t : 1 - t, p); }); });
+  }
+  if (!topology_.isSplit(face)) return;
+  for (int32_t k = 0; k < edges.size(); ++k)
+    visit(inner_first_[face] + uint32_t(k), [&](double t) {
+      return position([&](double* p) { surface.evaluate(k, {1, t}, p); });
+    });
+}
+
+}  // namespace encore

@@ -1,0 +1,22 @@
+// Ray differentials (Igehy, "Tracing Ray Differentials", SIGGRAPH 1999): how a ray's origin and direction
+// change over a pixel step in x and in y. All lengths in world units per pixel.
+#pragma once
+
+#include "core/scene/math.h"
+
+namespace encore {
+
+// Eqs. 10-12: the change of the hit at distance t on a plane with normal n, from that of origin and direction.
+Vec3f transferDifferential(Vec3f dp, Vec3f dd, float t, Vec3f direction, Vec3f n);
+// Eqs. 14-16: change of the reflected direction. dn: change of the unit normal n over the step.
+Vec3f reflectDifferential(Vec3f direction, Vec3f n, Vec3f dd, Vec3f dn);
+// Eq. 17: change of the refracted direction `out`. n: on the side that `direction` comes from;
+// eta: far over near index of refraction.
+Vec3f refractDifferential(Vec3f direction, Vec3f out, Vec3f n, float eta, Vec3f dd, Vec3f dn);
+
+// v, shortened to `longest`; zero where it is not finite.
+Vec3f limited(Vec3f v, float longest);
+// Two unit vectors never differ by more.
+inline constexpr float kLargestDirectionChange = 2;
+
+}  // namespace encore

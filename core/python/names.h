@@ -1,0 +1,82 @@
+// USD's and the settings' names of core's enumerations.
+#pragma once
+
+#include <array>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "core/scene/error.h"
+#include "core/scene/light.h"
+#include "core/scene/material.h"
+#include "core/scene/mesh.h"
+#include "core/scene/settings.h"
+
+namespace encore::python {
+
+template <class E, size_t N>
+using Names = std::array<std::pair<std::string_view, E>, N>;
+
+inline constexpr Names<SubdivisionScheme, 4> kSchemes{{{"none", SubdivisionScheme::None},
+                                                       {"catmullClark", SubdivisionScheme::CatmullClark},
+                                                       {"loop", SubdivisionScheme::Loop},
+                                                       {"bilinear", SubdivisionScheme::Bilinear}}};
+inline constexpr Names<InterpolateBoundary, 3> kBoundaries{{{"none", InterpolateBoundary::None},
+                                                            {"edgeOnly", InterpolateBoundary::EdgeOnly},
+                                                            {"edgeAndCorner", InterpolateBoundary::EdgeAndCorner}}};
+inline constexpr Names<FaceVaryingInterpolation, 6> kFaceVarying{
+    {{"none", FaceVaryingInterpolation::None},
+     {"cornersOnly", FaceVaryingInterpolation::CornersOnly},
+     {"cornersPlus1", FaceVaryingInterpolation::CornersPlus1},
+     {"cornersPlus2", FaceVaryingInterpolation::CornersPlus2},
+     {"boundaries", FaceVaryingInterpolation::Boundaries},
+     {"all", FaceVaryingInterpolation::All}}};
+inline constexpr Names<TriangleSubdivision, 2> kTriangleSubdivisions{
+    {{"catmullClark", TriangleSubdivision::CatmullClark}, {"smooth", TriangleSubdivision::Smooth}}};
+inline constexpr Names<Interpolation, 5> kInterpolations{{{"constant", Interpolation::Constant},
+                                                          {"uniform", Interpolation::Uniform},
+                                                          {"vertex", Interpolation::Vertex},
+                                                          {"varying", Interpolation::Varying},
+                                                          {"faceVarying", Interpolation::FaceVarying}}};
+inline constexpr Names<PatternNode::Kind, 2> kNodeKinds{
+    {{"texture", PatternNode::Kind::Texture}, {"displayColor", PatternNode::Kind::DisplayColor}}};
+inline constexpr Names<WrapMode, 4> kWrapModes{{{"black", WrapMode::Black},
+                                                {"clamp", WrapMode::Clamp},
+                                                {"repeat", WrapMode::Repeat},
+                                                {"mirror", WrapMode::Mirror}}};
+inline constexpr Names<Light::Kind, 4> kLightKinds{{{"distant", Light::Kind::Distant},
+                                                    {"rect", Light::Kind::Rect},
+                                                    {"sphere", Light::Kind::Sphere},
+                                                    {"dome", Light::Kind::Dome}}};
+inline constexpr Names<Method, 2> kMethods{{{"reuse", Method::Reuse}, {"reference", Method::Reference}}};
+inline constexpr Names<FilterKind, 4> kFilters{{{"box", FilterKind::Box},
+                                                {"gaussian", FilterKind::Gaussian},
+                                                {"mitchell", FilterKind::Mitchell},
+                                                {"blackman-harris", FilterKind::BlackmanHarris}}};
+inline constexpr Names<ErrorKind, 6> kErrorKinds{{{"scene", ErrorKind::Scene},
+                                                  {"setting", ErrorKind::Setting},
+                                                  {"device", ErrorKind::Device},
+                                                  {"memory", ErrorKind::Memory},
+                                                  {"cancelled", ErrorKind::Cancelled},
+                                                  {"internal", ErrorKind::Internal}}};
+
+// The value called `name`. Throws Error(error_kind) at `where` that lists the names there are.
+template <class E, size_t N>
+E fromName(const Names<E, N>& names, std::string_view name, const std::string& where,
+           ErrorKind error_kind = ErrorKind::Scene) {
+  std::string choices;
+  for (const auto& [known, value] : names) {
+    if (known == name) return value;
+    choices += (choices.empty() ? "" : ", ") + std::string(known);
+  }
+  throw Error(error_kind, "'" + std::string(name) + "' is not a choice", where, "Choose one of: " + choices);
+}
+
+template <class E, size_t N>
+std::string toName(const Names<E, N>& names, E value) {
+  for (const auto& [name, known] : names)
+    if (known == value) return std::string(name);
+  return "?";
+}
+
+}  // namespace encore::python

@@ -1,0 +1,228 @@
+// _core.devices, create_device and render.
+#include <exception>
+#include <functional>
+#include <limits>
+#include <type_traits>
+
+#include "core/python/arrays.h"
+#include "core/python/bindings.h"
+#include "core/python/names.h"
+#include "core/render/render_loop.h"
+
+namespace encore::python {
+namespace {
+
+nb::dict readInfo(const DeviceInfo& info) {
+  nb::dict d;
+  d["name"] = info.name;
+  d["driver"] = info.driver;
+  d["cpu"] = info.cpu;
+  d["shared_memory"] = info.shared_memory;
+  d["subgroup_size"] = info.subgroup_size;
+  d["memory_bytes"] = info.memory_bytes;
+  return d;
+}
+
+// Reads the value of one settings key into the field. Throws Error(Setting).
+template <class T>
+void convert(const std::string& key, nb::handle value, T& field) {
+  bool valid = true;
+  if constexpr (std::is_same_v<T, bool>)
+    valid = PyBool_Check(value.ptr());
+  else if constexpr (std::is_integral_v<T>)
+    valid = PyLong_Check(value.ptr()) && !PyBool_Check(value.ptr());
+  if (!valid || !nb::try_cast<T>(value, field, true)) {
+    const char* expected = std::is_same_v<T, bool> ? "True or False"
+                           : std::is_integral_v<T> ? "a whole number, from 0"
+                                                   : "a number";
+    throw Error(ErrorKind::Setting, "value " + nb::cast<std::string>(nb::repr(value)) + " cannot be used", key,
+                std::string("Give ") + expected);
+  }
+}
+void convert(const std::string& key, nb::handle value, Method& field) {
+  field = fromName(kMethods, nb::cast<std::string>(nb::str(value)), key, ErrorKind::Setting);
+}
+void convert(const std::string& key, nb::handle value, FilterKind& field) {
+  field = fromName(kFilters, nb::cast<std::string>(nb::str(value)), key, ErrorKind::Setting);
+}
+
+// Calls visit(name, field) for every field of the settings.
+template <class S, class Visit>
+void forEachField(S& s, const Visit& visit) {
+  visit("method", s.method);
+  visit("width", s.width);
+  visit("height", s.height);
+  visit("samples", s.samples);
+  visit("shading_rate", s.shading_rate);
+  visit("max_bounces", s.max_bounces);
+  visit("filter", s.filter);
+  visit("filter_radius_pixels", s.filter_radius_pixels);
+  visit("target_edge_length_world", s.target_edge_length_world);
+  visit("max_micropolygons", s.max_micropolygons);
+  visit("light_samples", s.light_samples);
+  visit("occlusion_samples", s.occlusion_samples);
+  visit("seed", s.seed);
+  visit("reuse_tile_pixels", s.reuse_tile_pixels);
+  visit("memory_budget_bytes", s.memory_budget_bytes);
+  visit("threads", s.threads);
+  visit("dome_light_visible", s.dome_light_visible);
+  visit("lights_visible", s.lights_visible);
+  visit("roughness_limit", s.roughness_limit);
+}
+
+Settings toSettings(const nb::dict& given) {
+  Settings settings;
+  for (const auto& [key, value] : given) {
+    const std::string name = nb::cast<std::string>(nb::str(key));
+    bool found = false;
+    forEachField(settings, [&](const char* field_name, auto& field) {
+      if (name != field_name) return;
+      found = true;
+      convert(name, value, field);
+    });
+    if (!found) throw Error(ErrorKind::Setting, "there is no such setting", name, "See core/scene/settings.h");
+  }
+  return settings;
+}
+
+nb::dict readSettings(const Settings& settings) {
+  nb::dict d;
+  forEachField(settings, [&](const char* name, const auto& field) {
+    using T = std::decay_t<decltype(field)>;
+    if constexpr (std::is_same_v<T, Method>)
+      d[name] = toName(kMethods, field);
+    else if constexpr (std::is_same_v<T, FilterKind>)
+      d[name] = toName(kFilters, field);
+    else
+      d[name] = field;
+  });
+  return d;
+}
+
+nb::dict readStatistics(const Statistics& statistics) {
+  nb::dict d, layers, kernels;
+  d["device"] = statistics.device;
+  d["driver"] = statistics.driver;
+  d["threads"] = statistics.threads;
+  d["primitives"] = statistics.primitives;
+  d["micropolygons"] = statistics.micropolygons;
+  d["pixels"] = statistics.pixels;
+  d["antialiasing_samples"] = statistics.antialiasing_samples;
+  d["rays_traced"] = statistics.rays_traced;
+  d["non_finite_samples"] = statistics.non_finite_samples;
+  d["peak_memory_bytes"] = statistics.peak_memory_bytes;
+  d["device_peak_bytes"] = statistics.device_peak_bytes;
+  d["geometry_bytes"] = statistics.geometry_bytes;
+  d["texture_bytes"] = statistics.texture_bytes;
+  d["time_s"] = statistics.time_s;
+  for (const auto& [name, layer] : statistics.layers) {
+    nb::dict l;
+    l["shading_evaluations"] = layer.shading_evaluations;
+    l["reshading_evaluations"] = layer.reshading_evaluations;
+    l["failed_samples"] = layer.failed_samples;
+    l["antialiasing_samples"] = layer.antialiasing_samples;
+    l["trace_s"] = layer.trace_s;
+    l["shade_s"] = layer.shade_s;
+    l["reuse_s"] = layer.reuse_s;
+    l["film_s"] = layer.film_s;
+    layers[name.c_str()] = l;
+  }
+  d["layers"] = layers;
+  for (const auto& [name, timing] : statistics.kernels) {
+    nb::dict k;
+    k["dispatches"] = timing.dispatches;
+    k["seconds"] = timing.seconds;
+    kernels[name.c_str()] = k;
+  }
+  d["kernels"] = kernels;
+  d["warnings"] = statistics.warnings;
+  return d;
+}
+
+nb::dict readFrame(Frame&& frame, uint32_t width, uint32_t height) {
+  FilmImages& images = frame.images;
+  nb::dict layers, d;
+  for (size_t i = 0; i < frame.layers.size(); ++i)
+    layers[layerName(frame.layers[i])] = toNumpy(std::move(images.layers[i]), {height, width});
+  d["layers"] = layers;
+  d["composite"] = toNumpy(std::move(images.composite), {height, width});
+  d["alpha"] = toNumpy(std::move(images.alpha), {height, width});
+  d["depth"] = toNumpy(std::move(images.depth), {height, width});
+  d["normal"] = toNumpy(std::move(images.normal), {height, width});
+  d["statistics"] = readStatistics(frame.statistics);
+  return d;
+}
+
+// Calls back into Python, and looks for signals. An exception is kept until render() has unwound.
+class PythonProgress {
+ public:
+  explicit PythonProgress(nb::object callback) : callback_(std::move(callback)) {}
+
+  bool operator()(double done, const char* stage) {
+    const nb::gil_scoped_acquire gil;
+    try {
+      if (PyErr_CheckSignals() != 0) throw nb::python_error();
+      return callback_.is_none() || nb::cast<bool>(nb::bool_(callback_(done, stage)));
+    } catch (...) {
+      raised_ = std::current_exception();
+      return false;
+    }
+  }
+  void rethrow() const {
+    if (raised_) std::rethrow_exception(raised_);
+  }
+
+ private:
+  nb::object callback_;
+  std::exception_ptr raised_;
+};
+
+nb::dict renderScene(Scene& scene, const nb::dict& given, std::shared_ptr<Device> device, nb::object progress) {
+  const Settings settings = toSettings(given);
+  PythonProgress python_progress(std::move(progress));
+  Frame frame;
+  try {
+    const nb::gil_scoped_release release;
+    settings.validate();
+    if (!device) device = Device::create();
+    frame = render(scene, settings, *device, std::ref(python_progress));
+  } catch (const Error&) {
+    python_progress.rethrow();  // what stopped the frame, rather than that it was stopped
+    throw;
+  }
+  return readFrame(std::move(frame), settings.width, settings.height);
+}
+
+}  // namespace
+
+void bindRender(nb::module_& module) {
+  nb::class_<Device>(module, "Device", "A Vulkan device that frames are rendered on, one at a time.")
+      .def_prop_ro("info", [](const Device& d) { return readInfo(d.info()); });
+  module.def(
+      "devices",
+      [] {
+        nb::list devices;
+        for (const DeviceInfo& info : Device::list()) devices.append(readInfo(info));
+        return devices;
+      },
+      "Dictionaries that describe the Vulkan devices of this machine, in the order of their indices.");
+  module.def(
+      "create_device",
+      [](const std::string& select, bool validation) {
+        return Device::create({select, validation});
+      },
+      nb::arg("select") = "", nb::arg("validation") = false,
+      "A device by name (part of it) or index; '': $ENCORE_DEVICE, else the best. Raises Error (kind 'device').");
+  module.def(
+      "default_settings", [] { return readSettings(Settings{}); },
+      "Every setting and its default; the keys that render() knows.");
+  module.def("render", &renderScene, nb::arg("scene"), nb::arg("settings"), nb::arg("device") = nb::none(),
+             nb::arg("progress") = nb::none(),
+             "Renders one frame.\n\n"
+             "settings: see default_settings(). progress(done, stage): called now and then with done in [0, 1];\n"
+             "returning False cancels, and what it raises is raised here. The scene must not change meanwhile.\n"
+             "Result: 'layers' (name → (height, width, 3)), 'composite' and 'normal' (height, width, 3), 'alpha' and\n"
+             "'depth' (height, width), all float32, and 'statistics'. Raises Error.");
+}
+
+}  // namespace encore::python

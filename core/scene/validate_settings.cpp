@@ -1,0 +1,49 @@
+// Settings::validate(): one line per field.
+#include <string>
+
+#include "core/scene/error.h"
+#include "core/scene/settings.h"
+#include "core/scene/text.h"
+#include "shaders/records.h"
+
+namespace encore {
+namespace {
+
+template <class T>
+void require(bool valid, const char* field, T value, const std::string& range) {
+  if (!valid) throw Error(ErrorKind::Setting, "value " + text(value) + " is out of range", field, "Choose " + range);
+}
+
+template <class T>
+void requireRange(const char* field, T value, T lowest, T highest) {
+  // Written so that NaN fails.
+  require(value >= lowest && value <= highest, field, value, "a number from " + text(lowest) + " to " + text(highest));
+}
+
+}  // namespace
+
+void Settings::validate() const {
+  require(method == Method::Reuse || method == Method::Reference, "method", int(method), "reuse or reference");
+  requireRange("width", width, 1u, 65536u);
+  requireRange("height", height, 1u, 65536u);
+  requireRange("samples", samples, 1u, 64u);
+  require(shading_rate > 0 && shading_rate <= 256, "shading_rate", shading_rate,
+          "a number above 0 and up to 256 shading samples per pixel and layer");
+  requireRange("max_bounces", max_bounces, 0u, 256u);
+  require(filter == FilterKind::Box || filter == FilterKind::Gaussian || filter == FilterKind::Mitchell ||
+              filter == FilterKind::BlackmanHarris,
+          "filter", int(filter), "box, gaussian, mitchell or blackmanharris");
+  requireRange("filter_radius_pixels", filter_radius_pixels, 0.5f, 8.0f);
+  require(std::isfinite(target_edge_length_world) && target_edge_length_world >= 0, "target_edge_length_world",
+          target_edge_length_world, "a finite length in world units, or 0 for the default");
+  requireRange("max_micropolygons", max_micropolygons, uint64_t{1}, uint64_t{10'000'000'000});
+  requireRange("light_samples", light_samples, 1u, 65536u);
+  requireRange("occlusion_samples", occlusion_samples, 1u, 65536u);
+  require(reuse_tile_pixels >= kBlockPixels && reuse_tile_pixels <= 65536 && reuse_tile_pixels % kBlockPixels == 0,
+          "reuse_tile_pixels", reuse_tile_pixels,
+          "a multiple of " + text(kBlockPixels) + " from " + text(kBlockPixels) + " to 65536");
+  requireRange("threads", threads, 0u, 1024u);
+  requireRange("roughness_limit", roughness_limit, 0.0f, 1.0f);
+}
+
+}  // namespace encore

@@ -1,0 +1,38 @@
+#include "core/shade/shadow_rays.h"
+
+namespace encore {
+namespace {
+
+// Bounds scratch memory. A multiple of the packet size, so that packets depend on the block alone.
+constexpr size_t kChunkRays = 4096;
+// Rays end short of the light, by a share of their length: what touches a light does not shadow it.
+constexpr float kShortOfLight = 1 - 1e-4f;
+
+}  // namespace
+
+void ShadowRays::add(const SurfacePoint& point, Vec3f direction, float distance, Vec3f contribution, uint32_t vertex) {
+  const float up = dot(point.ng, direction);
+  if (!(point.side == 0 ? up > 0 : up < 0)) return;
+  if (contribution == Vec3f{} || !isFinite(contribution)) return;
+  rays_.push_back({point.offsetOrigin(direction), 0, direction, distance * kShortOfLight});
+  contributions_.push_back(contribution);
+  vertices_.push_back(vertex);
+  if (rays_.size() == kChunkRays) trace();
+}
+
+void ShadowRays::endBlock() {
+  if (!rays_.empty()) trace();
+}
+
+void ShadowRays::trace() {
+  occluded_.resize(rays_.size());
+  trace_.occluded(rays_, occluded_, Coherence::Incoherent);
+  for (size_t i = 0; i < rays_.size(); ++i)
+    if (!occluded_[i]) radiance_[vertices_[i]] += contributions_[i];
+  traced_ += rays_.size();
+  rays_.clear();
+  contributions_.clear();
+  vertices_.clear();
+}
+
+}  // namespace encore

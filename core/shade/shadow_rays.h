@@ -1,0 +1,36 @@
+// The shadow and occlusion rays of one block: collected in order, traced 16 to a packet, added up.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/trace/trace_scene.h"
+
+namespace encore {
+
+class ShadowRays {
+ public:
+  // radiance: what add() refers to by index.
+  ShadowRays(const TraceScene& trace, std::span<Vec3f> radiance) : trace_(trace), radiance_(radiance) {}
+
+  // radiance[vertex] += contribution, unless something lies between point and point + direction * distance.
+  // Light that comes from below the surface, carries nothing or is not finite is dropped without a ray.
+  void add(const SurfacePoint& point, Vec3f direction, float distance, Vec3f contribution, uint32_t vertex);
+  // Ends the block: traces what is left. Packets never span blocks.
+  void endBlock();
+  uint64_t traced() const { return traced_; }
+
+ private:
+  void trace();
+
+  const TraceScene& trace_;
+  std::span<Vec3f> radiance_;
+  std::vector<Ray> rays_;
+  std::vector<Vec3f> contributions_;
+  std::vector<uint32_t> vertices_;
+  std::vector<uint8_t> occluded_;
+  uint64_t traced_ = 0;
+};
+
+}  // namespace encore

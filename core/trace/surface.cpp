@@ -1,0 +1,203 @@
+// What is known at a hit: position with its rounding error, normals, parametric coordinates, primvars.
+#include <string>
+
+#include "core/trace/trace_impl.h"
+
+namespace encore {
+
+namespace {
+
+struct Corners {
+  uint32_t i0, i1, i2;
+  Corners(const DicedMesh& mesh, uint32_t triangle)
+      : i0(mesh.triangles[3 * size_t{triangle}]),
+        i1(mesh.triangles[3 * size_t{triangle} + 1]),
+        i2(mesh.triangles[3 * size_t{triangle} + 2]) {}
+
+  // value0 + b1 * (value1 - value0) + b2 * (value2 - value0): exact where the three agree.
+  template <class T>
+  T interpolate(const std::vector<T>& values, float b1, float b2) const {
+    const T v0 = values[i0];
+    return v0 + ((values[i1] - v0) * b1 + (values[i2] - v0) * b2);
+  }
+};
+
+float maxAbs(Vec3f v) { return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)}); }
+
+Vec3f componentMax(Vec3f a, Vec3f b) { return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)}; }
+
+constexpr float gammaf(int n) { return float(roundingGamma(n)); }
+
+// Rounding products of a × b are relative to this.
+Vec3f absoluteCross(Vec3f a, Vec3f b) {
+  a = absolute(a), b = absolute(b);
+  return {a.y * b.z + a.z * b.y, a.z * b.x + a.x * b.z, a.x * b.y + a.y * b.x};
+}
+
+// A triangle in prototype space, scaled so that its longest edge component is 1: cross products and their
+// squares then neither underflow nor overflow, however small micropolygons are.
+struct LocalTriangle {
+  Vec3f e1, e2;         // scaled
+  Vec3f normal;         // e1 × e2
+  float normal_length;  // of it; 0: degenerate
+  float scale;          // true size / scaled size
+
+  LocalTriangle(Vec3f edge1, Vec3f edge2) : scale(std::max(maxAbs(edge1), maxAbs(edge2))) {
+    if (scale > 0) e1 = edge1 / scale, e2 = edge2 / scale;
+    normal = cross(e1, e2);
+    normal_length = length(normal);
+  }
+
+  // How far from the plane, in units of `scale`, a ray's origin over this triangle must be for Embree's
+  // robust test to see it on the right side. The test moves the vertices to the origin, takes the normal of
+  // the moved triangle (for each component from the pair of edges with the smaller products) and compares
+  // dot(v0, normal) with 0: the moved vertices, the cross product and the dot product each round. The same
+  // bound times the longest edge keeps rays that graze the plane from coming back to the triangle.
+  // Never more than the triangle's own height: nothing sensible can be said about needles thinner than that.
+  float planeError() const {
+    const Vec3f e3 = e2 - e1;
+    const Vec3f reach = componentMax(componentMax(absolute(e1), absolute(e2)), absolute(e3));
+    const Vec3f c1 = absoluteCross(e2, e1), c2 = absoluteCross(e1, e3);
+    const Vec3f products{std::min(c1.x, c2.x), std::min(c1.y, c2.y), std::min(c1.z, c2.z)};
+    const float bound = (gammaf(4) * dot(reach, absolute(normal)) + gammaf(4) * dot(reach, products)) / normal_length;
+    const float longest = std::sqrt(std::max({dot(e1, e1), dot(e2, e2), dot(e3, e3)}));
+    return std::min(bound, normal_length / longest);
+  }
+};
+
+// Normals and their change along e1 and e2, in world space; ns falls back to ng where it is useless.
+void shadingNormal(SurfacePoint& point, const DicedMesh& mesh, const Corners& corners, const Affine3f& to_prototype,
+                   float b1, float b2) {
+  point.ns = point.ng;
+  if (mesh.normals.empty()) return;
+  const Vec3f n0 = mesh.normals[corners.i0];
+  const Vec3f d1 = to_prototype.transposedVector(mesh.normals[corners.i1] - n0);
+  const Vec3f d2 = to_prototype.transposedVector(mesh.normals[corners.i2] - n0);
+  const Vec3f n = to_prototype.transposedVector(n0) + (d1 * b1 + d2 * b2);
+  const float size = length(n);
+  if (!(dot(n, point.ng) > 0) || !std::isfinite(size)) return;
+  point.ns = n / size;
+  point.dn1 = (d1 - point.ns * dot(point.ns, d1)) / size;
+  point.dn2 = (d2 - point.ns * dot(point.ns, d2)) / size;
+}
+
+int32_t resolveMaterial(const TracedInstance& instance, const TracedMesh& mesh, uint32_t primitive) {
+  if (instance.material >= 0) return instance.material;
+  if (!mesh.mesh->face_materials.empty()) {
+    const int32_t material = mesh.mesh->face_materials[mesh.diced->primitive_face[primitive]];
+    if (material >= 0) return material;
+  }
+  return mesh.mesh->material;
+}
+
+}  // namespace
+
+int32_t TraceScene::material(const Hit& hit) const {
+  const TracedMesh& mesh = impl_->meshOf(hit);
+  return resolveMaterial(impl_->instances[hit.instance], mesh, mesh.diced->triangle_primitive[hit.triangle]);
+}
+
+// Position and error follow PBR 4th ed., §6.8: point = p0 + (b1 e1 + b2 e2) in prototype space, then
+// transformed; every rounding is bounded to first order. To that comes what Embree's own transform of a ray
+// that starts here, and its test against this triangle, may add.
+SurfacePoint TraceScene::surface(const Hit& hit, Vec3f direction) const {
+  const TracedInstance& instance = impl_->instances[hit.instance];
+  const TracedMesh& mesh = impl_->meshOf(hit);
+  const DicedMesh& diced = *mesh.diced;
+  const Corners corners(diced, hit.triangle);
+  const Affine3f& m = instance.to_world;
+
+  SurfacePoint point;
+  const Vec3f p0 = diced.positions[corners.i0];
+  const Vec3f edge1 = diced.positions[corners.i1] - p0, edge2 = diced.positions[corners.i2] - p0;
+  const Vec3f local = p0 + (edge1 * hit.b1 + edge2 * hit.b2);
+  point.position = m.point(local);
+  point.e1 = m.vector(edge1), point.e2 = m.vector(edge2);
+
+  const LocalTriangle triangle(edge1, edge2);
+  const Vec3f covector = instance.to_prototype.transposedVector(triangle.normal);
+  point.ng = triangle.normal_length > 0 ? normalize(covector) : -direction;
+  point.side = dot(point.ng, direction) > 0 ? 1 : 0;
+  shadingNormal(point, diced, corners, instance.to_prototype, hit.b1, hit.b2);
+
+  const Vec3f local_error =
+      absolute(local) * gammaf(1) + (absolute(edge1) * hit.b1 + absolute(edge2) * hit.b2) * gammaf(5);
+  const Affine3f magnitude{absolute(m.ex), absolute(m.ey), absolute(m.ez), absolute(m.origin)};
+  const Vec3f reach = absolute(point.position) + magnitude.origin + absolute(point.e1) + absolute(point.e2);
+  point.position_error =
+      magnitude.point(absolute(local)) * gammaf(4) + magnitude.vector(local_error) +
+      Vec3f{dot(instance.ray_error_x, reach), dot(instance.ray_error_y, reach), dot(instance.ray_error_z, reach)};
+  if (triangle.normal_length > 0) {
+    // A distance along the prototype-space normal, seen along the world-space one.
+    const float stretch = triangle.normal_length / length(covector);
+    point.position_error += absolute(point.ng) * (triangle.planeError() * triangle.scale * stretch);
+  }
+
+  const uint32_t primitive = diced.triangle_primitive[hit.triangle];
+  point.primitive = mesh.first_primitive + primitive;
+  point.material = resolveMaterial(instance, mesh, primitive);
+  const Vec2f uv = corners.interpolate(diced.uv, hit.b1, hit.b2);
+  point.uv = {std::clamp(uv.x, 0.0f, 1.0f), std::clamp(uv.y, 0.0f, 1.0f)};
+  return point;
+}
+
+// Pharr et al., PBR 4th ed., §6.8.6: far enough along ng that the box of the error is left behind, then one
+// representable number further on every axis.
+Vec3f SurfacePoint::offsetOrigin(Vec3f direction) const {
+  const float distance = dot(absolute(ng), position_error);
+  const Vec3f offset = ng * (dot(ng, direction) < 0 ? -distance : distance);
+  Vec3f origin = position + offset;
+  for (int axis = 0; axis < 3; ++axis)
+    if (offset[axis] != 0)
+      origin[axis] = std::nextafter(origin[axis], std::copysign(std::numeric_limits<float>::infinity(), offset[axis]));
+  return origin;
+}
+
+// Least squares: the dual basis of (e1, e2). In double, because squares of micropolygon areas underflow float.
+Vec2f SurfacePoint::barycentricChange(Vec3f dp) const {
+  const Vec3d a = toDouble(e1), b = toDouble(e2), d = toDouble(dp);
+  const Vec3d n = cross(a, b);
+  const double area2 = dot(n, n);
+  if (!(area2 > 0)) return {0, 0};
+  return {float(dot(cross(d, b), n) / area2), float(dot(cross(a, d), n) / area2)};
+}
+
+TexcoordPoint TraceScene::texcoord(const Hit& hit, const SurfacePoint& point, int32_t slot, Vec3f dpdx,
+                                   Vec3f dpdy) const {
+  if (slot < 0) return {};
+  const DicedMesh& mesh = *impl_->meshOf(hit).diced;
+  const std::vector<Vec2f>& values = mesh.texcoords[size_t(slot)];
+  const Corners corners(mesh, hit.triangle);
+  const Vec2f st1 = values[corners.i1] - values[corners.i0], st2 = values[corners.i2] - values[corners.i0];
+  const Vec2f bx = point.barycentricChange(dpdx), by = point.barycentricChange(dpdy);
+  return {corners.interpolate(values, hit.b1, hit.b2), st1 * bx.x + st2 * bx.y, st1 * by.x + st2 * by.y};
+}
+
+int32_t TraceScene::texcoordSlot(const Hit& hit, const std::string& name) const {
+  const TracedMesh& mesh = impl_->meshOf(hit);
+  const auto& sets = mesh.mesh->texcoords;
+  for (size_t i = 0; i < sets.size(); ++i)
+    if (sets[i].name == name)
+      return i < mesh.diced->texcoords.size() && !mesh.diced->texcoords[i].empty() ? int32_t(i) : -1;
+  return -1;
+}
+
+Vec3f TraceScene::displayColor(const Hit& hit) const {
+  const DicedMesh& mesh = *impl_->meshOf(hit).diced;
+  if (mesh.display_color.empty()) return {0.18f, 0.18f, 0.18f};
+  return Corners(mesh, hit.triangle).interpolate(mesh.display_color, hit.b1, hit.b2);
+}
+
+float TraceScene::parametricFootprint(const Hit& hit, const SurfacePoint& point, Vec3f dpdx, Vec3f dpdy) const {
+  const DicedMesh& mesh = *impl_->meshOf(hit).diced;
+  const Corners corners(mesh, hit.triangle);
+  const Vec2f uv1 = mesh.uv[corners.i1] - mesh.uv[corners.i0], uv2 = mesh.uv[corners.i2] - mesh.uv[corners.i0];
+  const auto lengthFor = [&](Vec3f dp) {
+    const Vec2f b = point.barycentricChange(dp);
+    const Vec2f duv = uv1 * b.x + uv2 * b.y;
+    return std::sqrt(duv.x * duv.x + duv.y * duv.y);
+  };
+  return 0.5f * (lengthFor(dpdx) + lengthFor(dpdy));
+}
+
+}  // namespace encore

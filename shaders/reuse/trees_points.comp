@@ -1,0 +1,16 @@
+// The samples' coordinates, brought into the unit square: as bits they sort like numbers.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "trees.glsl"
+
+layout(push_constant, scalar) uniform Arguments {
+  Points uv;
+  Points points;
+  uint count;
+};
+
+void main() {
+  const uint i = invocation();
+  if (i < count) points.at[i] = inUnitSquare(uv.at[i]);
+}
