@@ -158,7 +158,11 @@ def build(stage: Usd.Stage) -> None:
     bind(block.GetPrim(), material(stage, "Slate", diffuseColor=(0.09, 0.16, 0.34), roughness=0.45))
 
     ring = lathe(
-        stage, "/World/Ring", [(1.0, 0.34, 0), (0.72, 0.64, 0), (0.44, 0.34, 0), (0.72, 0.04, 0)], 12, closed=True
+        stage,
+        "/World/Ring",
+        [(1.0, 0.34, 0), (0.72, 0.64, 0), (0.44, 0.34, 0), (0.72, 0.04, 0)],
+        12,
+        closed=True,
     )
     ring.AddTranslateOp().Set((2.1, 0.0, 0.9))
     bind(

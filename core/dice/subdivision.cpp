@@ -16,8 +16,6 @@
 namespace encore {
 namespace {
 
-// Faces per task: enough to pay for a task's scratch memory.
-constexpr int32_t kGrain = 64;
 // Segments per side of the coarse measurement that rates start from: it sees curves that come back to
 // where they began, which the chords of a rate of 1 would not.
 constexpr uint32_t kCoarse = 4;
@@ -67,7 +65,7 @@ double maxOf(const std::array<double, 3>& values) { return *std::max_element(val
 // Calls body(face) for faces with a limit surface, the surface of positions bound to it.
 template <class Needed, class Body>
 void forEachFace(int32_t count, const LimitSurface& prototype, const Needed& needed, const Body& body) {
-  tbb::parallel_for(tbb::blocked_range<int32_t>(0, count, kGrain), [&](const tbb::blocked_range<int32_t>& range) {
+  tbb::parallel_for(tbb::blocked_range<int32_t>(0, count), [&](const tbb::blocked_range<int32_t>& range) {
     LimitSurface surface = prototype;
     for (int32_t face = range.begin(); face != range.end(); ++face) {
       if (!needed(face)) continue;

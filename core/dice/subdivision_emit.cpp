@@ -134,7 +134,7 @@ DicedMesh SubdivisionDicer::dice() const {
   out.triangle_primitive.resize(triangles);
   out.primitive_face.resize(primitives_.size());
   out.micropolygons = micropolygons_;
-  tbb::parallel_for(tbb::blocked_range<int32_t>(0, faceCount(), 16), [&](const tbb::blocked_range<int32_t>& range) {
+  tbb::parallel_for(tbb::blocked_range<int32_t>(0, faceCount()), [&](const tbb::blocked_range<int32_t>& range) {
     Emitter emitter(*this, out);
     for (int32_t face = range.begin(); face != range.end(); ++face) {
       if (!topology_.hasLimit(face)) continue;

@@ -14,19 +14,21 @@ namespace encore {
 class BounceRandom {
  public:
   BounceRandom(uint32_t seed, uint32_t pixel, uint32_t sample, Layer layer, uint32_t bounce)
-      : sample_(sample), keys_(pcg4d(pixel, seed, uint32_t(RandomUse::Lobe), bounce * kMaxLayers + uint32_t(layer))) {}
+      : seed_(seed), pixel_(pixel), sample_(sample), dimension_(bounce * kMaxLayers + uint32_t(layer)) {}
 
   // Which effect is followed.
-  float choice() const { return sobol2(sample_, keys_[0]).x; }
+  float choice() const { return sobol2(sample_, keys()[0]).x; }
   // Which lobe of the effect, and where to.
   std::array<float, 4> lobe() const {
-    const Vec2f a = sobol2(sample_, keys_[1]), b = sobol2(sample_, keys_[2]);
+    const auto k = keys();
+    const Vec2f a = sobol2(sample_, k[1]), b = sobol2(sample_, k[2]);
     return {a.x, a.y, b.x, b.y};
   }
 
  private:
-  uint32_t sample_;
-  std::array<uint32_t, 4> keys_;
+  std::array<uint32_t, 4> keys() const { return pcg4d(pixel_, seed_, uint32_t(RandomUse::Lobe), dimension_); }
+
+  uint32_t seed_, pixel_, sample_, dimension_;
 };
 
 }  // namespace encore

@@ -39,6 +39,13 @@ struct Spread {
   Vec3f x, y;
 };
 
+// The paths of one block that have arrived on a surface, and how their rays spread.
+struct BlockPaths {
+  std::vector<uint32_t> paths;  // indices into the vertices, ascending
+  std::vector<Spread> spreads;  // of each; empty in the direct layer, where it is the camera's
+  size_t first_input = 0;       // of the block, in the batch's evaluated inputs
+};
+
 class Wavefront {
  public:
   Wavefront(const ShadeContext& context, const CameraRays& camera, Layer layer, std::span<const FirstHit> first,
@@ -49,136 +56,155 @@ class Wavefront {
         first_(first),
         ends_(ends),
         vertices_(vertices),
-        camera_lights_(cameraLights(context.scene, context.settings)),
-        active_(ends.size()),
-        first_point_(ends.size()) {
+        camera_lights_(cameraLights(context.scene, context.settings)) {
+    const float limit = context.settings.roughness_limit;
     const bool delta = anyDelta(context.scene.lights);
     for (const Material& material : context.scene.materials) {
       const int32_t index = int32_t(view_weight_in_shading_.size());
-      view_weight_in_shading_.push_back(viewWeightInShading(material, context.settings.roughness_limit, delta));
+      view_weight_in_shading_.push_back(viewWeightInShading(material, limit, delta));
       path_varies_.push_back(context.patterns.pathVaries(index));
-      feeds_layer_.push_back(layer == Layer::Direct ||
-                             (layer == Layer::Reflection ? feedsReflection(material, context.settings.roughness_limit)
-                                                         : feedsRefraction(material)));
-      any_varies_ = any_varies_ || path_varies_.back();
+      feeds_layer_.push_back(layer == Layer::Direct || (layer == Layer::Reflection ? feedsReflection(material, limit)
+                                                                                   : feedsRefraction(material)));
     }
-    if (layer != Layer::Direct) spread_.resize(first.size());
   }
 
   void run() {
-    forEachBlock(ends_, [&](size_t block, uint32_t begin, uint32_t end) {
-      for (uint32_t i = begin; i < end; ++i)
-        if (start(i)) active_[block].push_back(i);
-    });
-    for (uint32_t bounce = 0; anyActive(); ++bounce) {
-      if (any_varies_) evaluatePathInputs();
-      forEachBlock(ends_, [&](size_t block, uint32_t, uint32_t) { advance(block, bounce); });
-    }
+    const bool any_varies = std::find(path_varies_.begin(), path_varies_.end(), 1) != path_varies_.end();
+    if (any_varies)
+      runTogether();
+    else
+      runApart();
   }
 
  private:
-  bool anyActive() const {
-    return std::any_of(active_.begin(), active_.end(), [](const auto& paths) { return !paths.empty(); });
+  // Nothing has to be evaluated for the whole batch: each block goes through all of its bounces in cache.
+  void runApart() {
+    forEachBlock(ends_, [&](size_t, uint32_t begin, uint32_t end) {
+      BlockPaths block = start(begin, end);
+      for (uint32_t bounce = 0; !block.paths.empty(); ++bounce) advance(block, bounce);
+    });
+  }
+
+  // All blocks wait for each other at every bounce, so that path inputs take one dispatch.
+  void runTogether() {
+    std::vector<BlockPaths> blocks(ends_.size());
+    forEachBlock(ends_, [&](size_t block, uint32_t begin, uint32_t end) { blocks[block] = start(begin, end); });
+    const auto active = [](const BlockPaths& block) { return !block.paths.empty(); };
+    for (uint32_t bounce = 0; std::any_of(blocks.begin(), blocks.end(), active); ++bounce) {
+      evaluatePathInputs(blocks);
+      forEachBlock(ends_, [&](size_t block, uint32_t, uint32_t) { advance(blocks[block], bounce); });
+    }
+  }
+
+  BlockPaths start(uint32_t begin, uint32_t end) {
+    BlockPaths block;
+    for (uint32_t i = begin; i < end; ++i) {
+      if (!startPath(i)) continue;
+      block.paths.push_back(i);
+      if (layer_ != Layer::Direct) block.spreads.push_back(cameraSpread(i));
+    }
+    return block;
   }
 
   // The first hit as the camera sees it. False: the path has ended already.
-  bool start(uint32_t i) {
+  bool startPath(uint32_t i) {
     const FirstHit& first = first_[i];
     PathVertex& vertex = vertices_[i];
     vertex = {first.hit, {1, 1, 1}, first.direction, {}, {}, first.pixel, first.sample};
     if (!first.active) return endWithout(vertex, {}), false;
-    const LightHit light = intersectLights(camera_lights_, first.origin, first.direction, first.hit.t);
-    // What covers the camera's ray belongs to the direct layer only.
-    if (light.valid) return endWithout(vertex, layer_ == Layer::Direct ? light.radiance : Vec3f{}), false;
+    if (!camera_lights_.empty()) {
+      const LightHit light = intersectLights(camera_lights_, first.origin, first.direction, first.hit.t);
+      // What covers the camera's ray belongs to the direct layer only.
+      if (light.valid) return endWithout(vertex, layer_ == Layer::Direct ? light.radiance : Vec3f{}), false;
+    }
     if (!first.hit.valid() || !feeds_layer_[size_t(context_.trace.material(first.hit))])
       return endWithout(vertex, {}), false;
-    if (layer_ != Layer::Direct) camera_.differential(first.film_x, first.film_y, spread_[i].x, spread_[i].y);
     return true;
   }
 
-  Spread spreadOf(uint32_t i) const {
-    if (layer_ != Layer::Direct) return spread_[i];
+  Spread cameraSpread(uint32_t i) const {
     Spread spread;
     camera_.differential(first_[i].film_x, first_[i].film_y, spread.x, spread.y);
     return spread;
   }
-
-  // Footprint of the pixel where path i arrived, on the plane of the triangle.
-  void footprint(uint32_t i, const SurfacePoint& point, Vec3f& dpdx, Vec3f& dpdy) const {
-    const PathVertex& v = vertices_[i];
-    const Spread spread = spreadOf(i);
-    const float longest = context_.trace.diagonal();  // no two points of the scene are further apart
-    dpdx = limited(transferDifferential(v.dpdx, spread.x, v.hit.t, v.direction, point.ng), longest);
-    dpdy = limited(transferDifferential(v.dpdy, spread.y, v.hit.t, v.direction, point.ng), longest);
+  Spread spreadOf(const BlockPaths& block, size_t k) const {
+    return layer_ == Layer::Direct ? cameraSpread(block.paths[k]) : block.spreads[k];
   }
 
-  // Path inputs of all active hits whose material varies, in one dispatch for the batch. Block b's are
-  // inputs_[first_point_[b]...], in the order of its active paths.
-  void evaluatePathInputs() {
-    std::vector<std::vector<PatternPoint>> block_points(ends_.size());
-    forEachBlock(ends_, [&](size_t block, uint32_t, uint32_t) {
-      for (const uint32_t i : active_[block]) {
-        const PathVertex& v = vertices_[i];
-        if (!path_varies_[size_t(context_.trace.material(v.hit))]) continue;
-        block_points[block].push_back(patternPoint(i, context_.trace.surface(v.hit, v.direction)));
+  // Moves the pixel's footprint from where the ray left to where it arrived, on the plane of the triangle.
+  void arriveFootprint(PathVertex& v, const Spread& spread, const SurfacePoint& point) const {
+    const float longest = context_.trace.diagonal();  // no two points of the scene are further apart
+    v.dpdx = limited(transferDifferential(v.dpdx, spread.x, v.hit.t, v.direction, point.ng), longest);
+    v.dpdy = limited(transferDifferential(v.dpdy, spread.y, v.hit.t, v.direction, point.ng), longest);
+  }
+
+  // Path inputs of all active hits whose material varies, in one dispatch for the batch; those of a block
+  // stand together, in the order of its paths.
+  void evaluatePathInputs(std::vector<BlockPaths>& blocks) {
+    std::vector<std::vector<PatternPoint>> block_points(blocks.size());
+    forEachBlock(ends_, [&](size_t b, uint32_t, uint32_t) {
+      for (size_t k = 0; k < blocks[b].paths.size(); ++k) {
+        const PathVertex& v = vertices_[blocks[b].paths[k]];
+        if (path_varies_[size_t(context_.trace.material(v.hit))])
+          block_points[b].push_back(patternPoint(v, spreadOf(blocks[b], k)));
       }
     });
     std::vector<PatternPoint> points;
-    for (size_t block = 0; block < ends_.size(); ++block) {
-      first_point_[block] = points.size();
-      points.insert(points.end(), block_points[block].begin(), block_points[block].end());
+    for (size_t b = 0; b < blocks.size(); ++b) {
+      blocks[b].first_input = points.size();
+      points.insert(points.end(), block_points[b].begin(), block_points[b].end());
     }
     inputs_.resize(points.size());
     if (!points.empty()) context_.patterns.evaluatePath(points, inputs_);
   }
 
-  PatternPoint patternPoint(uint32_t i, const SurfacePoint& point) const {
-    const Hit& hit = vertices_[i].hit;
-    Vec3f dpdx, dpdy;
-    footprint(i, point, dpdx, dpdy);
+  PatternPoint patternPoint(PathVertex v, const Spread& spread) const {
+    const SurfacePoint point = context_.trace.surface(v.hit, v.direction, false);
+    arriveFootprint(v, spread, point);
     const std::string& name = context_.patterns.texcoordName(point.material);
-    const int32_t slot = name.empty() ? -1 : context_.trace.texcoordSlot(hit, name);
-    const TexcoordPoint t = context_.trace.texcoord(hit, point, slot, dpdx, dpdy);
-    return {uint32_t(point.material), t.st, t.dstdx, t.dstdy, context_.trace.displayColor(hit)};
+    const int32_t slot = name.empty() ? -1 : context_.trace.texcoordSlot(v.hit, name);
+    const TexcoordPoint t = context_.trace.texcoord(v.hit, point, slot, v.dpdx, v.dpdy);
+    return {uint32_t(point.material), t.st, t.dstdx, t.dstdy, context_.trace.displayColor(v.hit)};
   }
 
-  // What a ray was before it is traced.
+  // What is known of a ray before it is traced.
   struct Flight {
     uint32_t path;
     bool reflected;
+    Spread spread;
   };
 
   // One effect for every active path of a block, and the rays of those that go on.
-  void advance(size_t block, uint32_t bounce) {
-    std::vector<uint32_t> next;
+  void advance(BlockPaths& block, uint32_t bounce) {
+    BlockPaths next;
     const auto land = [&](const Flight& flight, const Ray& ray, const Hit& hit) {
-      if (arriveAt(flight, ray, hit)) next.push_back(flight.path);
+      if (!arriveAt(flight, ray, hit)) return;
+      next.paths.push_back(flight.path);
+      next.spreads.push_back(flight.spread);
     };
     RayQueue<Flight, decltype(land)> queue(context_, Coherence::Incoherent, land);
-    size_t next_input = first_point_[block];
-    for (const uint32_t i : active_[block]) {
-      const PathVertex& v = vertices_[i];
-      const SurfacePoint point = context_.trace.surface(v.hit, v.direction);
+    size_t next_input = block.first_input;
+    for (size_t k = 0; k < block.paths.size(); ++k) {
+      const PathVertex& v = vertices_[block.paths[k]];
+      const SurfacePoint point = context_.trace.surface(v.hit, v.direction, layer_ != Layer::Direct);
       const size_t material = size_t(point.material);
       const PathInputs& inputs =
           path_varies_[material] ? inputs_[next_input++] : context_.patterns.constantPath(point.material);
       const Arrival arrival = arrive(point, v.direction, context_.scene.materials[material], inputs,
                                      context_.settings.roughness_limit, view_weight_in_shading_[material] != 0);
-      follow(i, arrival, bounce, queue);
+      follow(block.paths[k], spreadOf(block, k), arrival, bounce, queue);
     }
     queue.finish();
-    active_[block] = std::move(next);
+    block = std::move(next);
   }
 
   template <class Queue>
-  void follow(uint32_t i, const Arrival& arrival, uint32_t bounce, Queue& queue) {
+  void follow(uint32_t i, const Spread& spread, const Arrival& arrival, uint32_t bounce, Queue& queue) {
     PathVertex& vertex = vertices_[i];
     const BounceRandom random(context_.settings.seed, vertex.pixel, vertex.sample, layer_, bounce);
     const ChosenEffect chosen = choose(arrival, bounce, random);
     if (!(chosen.probability > 0)) return endWithout(vertex, {});
-    Vec3f dpdx, dpdy;
-    footprint(i, arrival.point, dpdx, dpdy);
-    vertex.dpdx = dpdx, vertex.dpdy = dpdy;
+    arriveFootprint(vertex, spread, arrival.point);
     vertex.throughput *= 1 / chosen.probability;
     if (chosen.effect == Effect::Absorb) {
       vertex.throughput *= arrival.weights().absorption;
@@ -188,10 +214,10 @@ class Wavefront {
     const Departure departure = depart(arrival, chosen.effect, random);
     vertex.throughput *= departure.weight;
     if (!departure.valid || !carriesSomething(vertex.throughput)) return endWithout(vertex, {});
-    spread_[i] = bend(arrival, departure, chosen.effect, vertex, spread_[i]);
+    const Spread bent = bend(arrival, departure, chosen.effect, vertex, spread);
     vertex.direction = departure.direction;
     queue.push({arrival.point.offsetOrigin(departure.direction), 0, departure.direction},
-               {i, chosen.effect == Effect::Reflect});
+               {i, chosen.effect == Effect::Reflect, bent});
   }
 
   // First hits do what the layer is for, with certainty; the last allowed bounce leaves only absorption,
@@ -234,12 +260,7 @@ class Wavefront {
   std::span<PathVertex> vertices_;
   std::vector<Light> camera_lights_;
   std::vector<uint8_t> view_weight_in_shading_, path_varies_, feeds_layer_;  // per material
-  bool any_varies_ = false;
-
-  std::vector<std::vector<uint32_t>> active_;  // per block: paths that have arrived on a surface
-  std::vector<Spread> spread_;                 // per path; empty in the direct layer, which needs the camera's
-  std::vector<size_t> first_point_;            // per block
-  std::vector<PathInputs> inputs_;
+  std::vector<PathInputs> inputs_;  // of the active paths whose material varies
 };
 
 }  // namespace

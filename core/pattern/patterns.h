@@ -24,7 +24,10 @@ struct PatternSource {
 };
 PatternSource generatePatterns(const Scene& scene);
 
-// Evaluates the scene's materials. Constant parts cost nothing: they are tables.
+// Evaluates the scene's materials. Constant parts cost nothing: they are tables. A part varies if one of the
+// inputs that it needs has a node with something to read: a missing texture is its fallback, a constant; the base
+// colour is needed by metals only; the metallic and the specular workflow ignore each other's input.
+// Precondition: scene.validate(). The scene is not needed after construction.
 class Patterns {
  public:
   Patterns(Device& device, const Scene& scene);
@@ -38,7 +41,7 @@ class Patterns {
   const std::string& texcoordName(int32_t material) const;
 
   // One dispatch for the batch. Not thread-safe. values.size() == points.size(). Every point's
-  // material must vary in the part that is asked for.
+  // material must vary in the part that is asked for; throws Error(Internal) otherwise.
   void evaluateShading(std::span<const PatternPoint> points, std::span<ShadingInputs> values);
   void evaluatePath(std::span<const PatternPoint> points, std::span<PathInputs> values);
 

@@ -1,7 +1,9 @@
 // _core.devices, create_device and render.
+#include <embree3/rtcore.h>
+#include <opensubdiv/version.h>
+
 #include <exception>
 #include <functional>
-#include <limits>
 #include <type_traits>
 
 #include "core/python/arrays.h"
@@ -11,6 +13,11 @@
 
 namespace encore::python {
 namespace {
+
+// OpenSubdiv's 30500 is 3.5.0.
+std::string versionText(int number) {
+  return std::to_string(number / 10000) + "." + std::to_string(number / 100 % 100) + "." + std::to_string(number % 100);
+}
 
 nb::dict readInfo(const DeviceInfo& info) {
   nb::dict d;
@@ -213,6 +220,15 @@ void bindRender(nb::module_& module) {
       },
       nb::arg("select") = "", nb::arg("validation") = false,
       "A device by name (part of it) or index; '': $ENCORE_DEVICE, else the best. Raises Error (kind 'device').");
+  module.def(
+      "versions",
+      [] {
+        nb::dict d;
+        d["embree"] = RTC_VERSION_STRING;
+        d["opensubdiv"] = versionText(OPENSUBDIV_VERSION_NUMBER);
+        return d;
+      },
+      "Versions of the libraries that decide what an image looks like.");
   module.def(
       "default_settings", [] { return readSettings(Settings{}); },
       "Every setting and its default; the keys that render() knows.");

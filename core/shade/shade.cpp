@@ -114,7 +114,8 @@ class VertexShading {
     for (uint32_t i = 0; i < count; ++i) {
       const LightSample sample = samplers_[k].sample(points.point(i));
       if (!sample.valid) continue;
-      const ShadedResponse response = view_.evaluate(sample.direction, false);
+      ShadedResponse response;
+      if (!dome || view_.hasRoughLobe()) response = view_.evaluate(sample.direction, false);
       // Under a dome cosines and densities cancel: without occlusion there is no noise.
       Vec3f factor = dome ? view_.diffuse() * (light.diffuse / float(count))
                           : response.diffuse * (light.diffuse / (float(count) * sample.pdf));

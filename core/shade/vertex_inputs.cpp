@@ -52,10 +52,8 @@ void VertexInputs::gather(std::span<const PathVertex> vertices, Varying<Value>& 
 
   // Points in the order of their vertices, whatever thread makes them.
   part.slots.resize(vertices.size());
-  parallelVertices(vertices.size(), [&](size_t i) {
-    const int32_t material = context_.trace.surface(vertices[i].hit, vertices[i].direction).material;
-    part.slots[i] = varies(material) ? 0 : kConstant;
-  });
+  parallelVertices(vertices.size(),
+                   [&](size_t i) { part.slots[i] = varies(context_.trace.material(vertices[i].hit)) ? 0 : kConstant; });
   uint32_t count = 0;
   for (uint32_t& slot : part.slots)
     if (slot != kConstant) slot = count++;

@@ -37,15 +37,14 @@ Vec3f absoluteCross(Vec3f a, Vec3f b) {
 // A triangle in prototype space, scaled so that its longest edge component is 1: cross products and their
 // squares then neither underflow nor overflow, however small micropolygons are.
 struct LocalTriangle {
-  Vec3f e1, e2;         // scaled
-  Vec3f normal;         // e1 × e2
-  float normal_length;  // of it; 0: degenerate
-  float scale;          // true size / scaled size
+  Vec3f e1, e2;  // scaled
+  Vec3f normal;  // e1 × e2
+  float scale;   // true size / scaled size
 
   LocalTriangle(Vec3f edge1, Vec3f edge2) : scale(std::max(maxAbs(edge1), maxAbs(edge2))) {
-    if (scale > 0) e1 = edge1 / scale, e2 = edge2 / scale;
+    const float factor = scale > 0 ? 1 / scale : 0;
+    e1 = edge1 * factor, e2 = edge2 * factor;
     normal = cross(e1, e2);
-    normal_length = length(normal);
   }
 
   // How far from the plane, in units of `scale`, a ray's origin over this triangle must be for Embree's
@@ -55,6 +54,7 @@ struct LocalTriangle {
   // bound times the longest edge keeps rays that graze the plane from coming back to the triangle.
   // Never more than the triangle's own height: nothing sensible can be said about needles thinner than that.
   float planeError() const {
+    const float normal_length = length(normal);
     const Vec3f e3 = e2 - e1;
     const Vec3f reach = componentMax(componentMax(absolute(e1), absolute(e2)), absolute(e3));
     const Vec3f c1 = absoluteCross(e2, e1), c2 = absoluteCross(e1, e3);
@@ -76,9 +76,10 @@ void shadingNormal(SurfacePoint& point, const DicedMesh& mesh, const Corners& co
   const Vec3f n = to_prototype.transposedVector(n0) + (d1 * b1 + d2 * b2);
   const float size = length(n);
   if (!(dot(n, point.ng) > 0) || !std::isfinite(size)) return;
-  point.ns = n / size;
-  point.dn1 = (d1 - point.ns * dot(point.ns, d1)) / size;
-  point.dn2 = (d2 - point.ns * dot(point.ns, d2)) / size;
+  const float factor = 1 / size;
+  point.ns = n * factor;
+  point.dn1 = (d1 - point.ns * dot(point.ns, d1)) * factor;
+  point.dn2 = (d2 - point.ns * dot(point.ns, d2)) * factor;
 }
 
 int32_t resolveMaterial(const TracedInstance& instance, const TracedMesh& mesh, uint32_t primitive) {
@@ -97,10 +98,31 @@ int32_t TraceScene::material(const Hit& hit) const {
   return resolveMaterial(impl_->instances[hit.instance], mesh, mesh.diced->triangle_primitive[hit.triangle]);
 }
 
-// Position and error follow PBR 4th ed., §6.8: point = p0 + (b1 e1 + b2 e2) in prototype space, then
-// transformed; every rounding is bounded to first order. To that comes what Embree's own transform of a ray
-// that starts here, and its test against this triangle, may add.
-SurfacePoint TraceScene::surface(const Hit& hit, Vec3f direction) const {
+namespace {
+
+// Follows PBR 4th ed., §6.8: point = p0 + (b1 e1 + b2 e2) in prototype space, then transformed; every
+// rounding is bounded to first order. To that comes what Embree's own transform of a ray that starts here,
+// and its test against this triangle, may add.
+Vec3f positionError(const TracedInstance& instance, const SurfacePoint& point, const LocalTriangle& triangle,
+                    Vec3f local, Vec3f from_corner, float covector_length) {
+  const Affine3f& m = instance.to_world;
+  const Affine3f magnitude{absolute(m.ex), absolute(m.ey), absolute(m.ez), absolute(m.origin)};
+  const Vec3f local_error = absolute(local) * gammaf(1) + from_corner * gammaf(5);
+  const Vec3f reach = absolute(point.position) + magnitude.origin + absolute(point.e1) + absolute(point.e2);
+  Vec3f error =
+      magnitude.point(absolute(local)) * gammaf(4) + magnitude.vector(local_error) +
+      Vec3f{dot(instance.ray_error_x, reach), dot(instance.ray_error_y, reach), dot(instance.ray_error_z, reach)};
+  // A distance along the prototype-space normal, seen along the world-space one.
+  if (covector_length > 0) {
+    const float stretch = triangle.scale * length(triangle.normal) / covector_length;
+    error += absolute(point.ng) * (triangle.planeError() * stretch);
+  }
+  return error;
+}
+
+}  // namespace
+
+SurfacePoint TraceScene::surface(const Hit& hit, Vec3f direction, bool with_error) const {
   const TracedInstance& instance = impl_->instances[hit.instance];
   const TracedMesh& mesh = impl_->meshOf(hit);
   const DicedMesh& diced = *mesh.diced;
@@ -116,22 +138,13 @@ SurfacePoint TraceScene::surface(const Hit& hit, Vec3f direction) const {
 
   const LocalTriangle triangle(edge1, edge2);
   const Vec3f covector = instance.to_prototype.transposedVector(triangle.normal);
-  point.ng = triangle.normal_length > 0 ? normalize(covector) : -direction;
+  const float covector_length = length(covector);
+  point.ng = covector_length > 0 ? covector * (1 / covector_length) : -direction;
   point.side = dot(point.ng, direction) > 0 ? 1 : 0;
   shadingNormal(point, diced, corners, instance.to_prototype, hit.b1, hit.b2);
-
-  const Vec3f local_error =
-      absolute(local) * gammaf(1) + (absolute(edge1) * hit.b1 + absolute(edge2) * hit.b2) * gammaf(5);
-  const Affine3f magnitude{absolute(m.ex), absolute(m.ey), absolute(m.ez), absolute(m.origin)};
-  const Vec3f reach = absolute(point.position) + magnitude.origin + absolute(point.e1) + absolute(point.e2);
-  point.position_error =
-      magnitude.point(absolute(local)) * gammaf(4) + magnitude.vector(local_error) +
-      Vec3f{dot(instance.ray_error_x, reach), dot(instance.ray_error_y, reach), dot(instance.ray_error_z, reach)};
-  if (triangle.normal_length > 0) {
-    // A distance along the prototype-space normal, seen along the world-space one.
-    const float stretch = triangle.normal_length / length(covector);
-    point.position_error += absolute(point.ng) * (triangle.planeError() * triangle.scale * stretch);
-  }
+  if (with_error)
+    point.position_error = positionError(instance, point, triangle, local,
+                                         absolute(edge1) * hit.b1 + absolute(edge2) * hit.b2, covector_length);
 
   const uint32_t primitive = diced.triangle_primitive[hit.triangle];
   point.primitive = mesh.first_primitive + primitive;

@@ -49,8 +49,9 @@ class TraceScene {
   // occluded[i] = 1 if anything lies within (tnear, tfar) of rays[i], else 0. Thread-safe.
   void occluded(std::span<const Ray> rays, std::span<uint8_t> occluded, Coherence coherence) const;
 
-  // Precondition: hit.valid(). direction: of the ray that made it.
-  SurfacePoint surface(const Hit& hit, Vec3f direction) const;
+  // Precondition: hit.valid(). direction: of the ray that made it. with_error false leaves position_error 0,
+  // which is a third of the work: for points that no ray will leave from.
+  SurfacePoint surface(const Hit& hit, Vec3f direction, bool with_error = true) const;
   int32_t material(const Hit& hit) const;  // index into Scene::materials, as in surface()
   // The named texture coordinates of the hit's mesh; slot from texcoordSlot(). Slot -1: zeros.
   TexcoordPoint texcoord(const Hit& hit, const SurfacePoint& point, int32_t slot, Vec3f dpdx, Vec3f dpdy) const;

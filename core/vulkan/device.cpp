@@ -1,7 +1,6 @@
 // Choice of the device, its creation, and the self-test that catches drivers known to compute wrongly.
 #include "core/vulkan/device.h"
 
-#include <array>
 #include <cctype>
 #include <charconv>
 #include <cstdlib>

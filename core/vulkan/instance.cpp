@@ -50,25 +50,19 @@ void requireValidationLayer(const vk::raii::Context& context) {
               "Install the package vulkan-validationlayers, or switch validation off");
 }
 
-template <class T>
-const T& part(const vk::StructureChain<vk::PhysicalDeviceFeatures2, vk::PhysicalDeviceVulkan12Features,
-                                       vk::PhysicalDeviceVulkan13Features>& chain) {
-  return chain.get<T>();
-}
-
 // What every kernel of Encore relies on.
 std::string missingFeatures(const vk::raii::PhysicalDevice& device) {
   const auto chain = device.getFeatures2<vk::PhysicalDeviceFeatures2, vk::PhysicalDeviceVulkan12Features,
                                          vk::PhysicalDeviceVulkan13Features>();
-  const auto& v12 = part<vk::PhysicalDeviceVulkan12Features>(chain);
+  const auto& v12 = chain.get<vk::PhysicalDeviceVulkan12Features>();
   std::string missing;
   const auto require = [&missing](vk::Bool32 present, const char* name) {
     if (!present) missing += std::string(missing.empty() ? "no " : ", ") + name;
   };
-  require(part<vk::PhysicalDeviceFeatures2>(chain).features.shaderInt64, "shaderInt64");
+  require(chain.get<vk::PhysicalDeviceFeatures2>().features.shaderInt64, "shaderInt64");
   require(v12.bufferDeviceAddress, "bufferDeviceAddress");
   require(v12.scalarBlockLayout, "scalarBlockLayout");
-  require(part<vk::PhysicalDeviceVulkan13Features>(chain).synchronization2, "synchronization2");
+  require(chain.get<vk::PhysicalDeviceVulkan13Features>().synchronization2, "synchronization2");
   return missing;
 }
 

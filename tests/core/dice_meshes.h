@@ -1,6 +1,7 @@
 // Small meshes for the dicer's tests, and checks of what it makes of them.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -157,34 +158,33 @@ inline std::vector<uint32_t> weld(const DicedMesh& mesh) {
   return welded;
 }
 
-// Directed edges of welded triangles without an opposite, and those that occur twice. A closed surface
-// without cracks and T-junctions has neither.
-struct OpenEdges {
-  size_t unpaired = 0, repeated = 0;
-};
-inline OpenEdges openEdges(const DicedMesh& mesh) {
+// Edges of welded triangles that are not passed as often one way as the other. A closed surface without
+// cracks and T-junctions has none. (Once each way is too much to ask: where two faces meet at a point of
+// valence 2, diagonals of both may join the same two points.)
+inline size_t openEdges(const DicedMesh& mesh) {
   const auto welded = weld(mesh);
-  std::map<std::pair<uint32_t, uint32_t>, int> edges;
+  std::map<std::pair<uint32_t, uint32_t>, int> balance;
   for (size_t i = 0; i < mesh.triangles.size(); ++i) {
-    const size_t next = i % 3 == 2 ? i - 2 : i + 1;
-    ++edges[{welded[mesh.triangles[i]], welded[mesh.triangles[next]]}];
+    const uint32_t a = welded[mesh.triangles[i]], b = welded[mesh.triangles[i % 3 == 2 ? i - 2 : i + 1]];
+    balance[{std::min(a, b), std::max(a, b)}] += a < b ? 1 : a > b ? -1 : 0;
   }
-  OpenEdges open;
-  for (const auto& [edge, count] : edges) {
-    if (count > 1) ++open.repeated;
-    if (!edges.contains({edge.second, edge.first})) ++open.unpaired;
-  }
-  return open;
+  return size_t(std::count_if(balance.begin(), balance.end(), [](const auto& edge) { return edge.second != 0; }));
 }
 
-// Longest of the triangles' edges that run along u or v (of triangular primitives: or along u + v).
+// Longest of the triangles' edges that run along u or v (of triangular primitives: or along u + v). Not
+// counted are those that cut off a corner of a triangular primitive: sides of other rates than the lattice's
+// end there.
 inline double longestGridEdge(const DicedMesh& mesh, bool triangular) {
   double longest = 0;
+  const auto sides = [](Vec2f p) {  // one bit per side of the triangle that p lies on
+    return (p.y == 0 ? 1 : 0) | (p.x + p.y > 1 - 1e-6f ? 2 : 0) | (p.x == 0 ? 4 : 0);
+  };
   for (size_t i = 0; i < mesh.triangles.size(); ++i) {
     const uint32_t a = mesh.triangles[i], b = mesh.triangles[i % 3 == 2 ? i - 2 : i + 1];
-    const Vec2f d = mesh.uv[b] - mesh.uv[a];
-    if (d.x == 0 || d.y == 0 || (triangular && std::abs(d.x + d.y) < 1e-6f))
-      longest = std::max(longest, length(toDouble(mesh.positions[b]) - toDouble(mesh.positions[a])));
+    const Vec2f p = mesh.uv[a], q = mesh.uv[b], d = q - p;
+    if (d.x != 0 && d.y != 0 && !(triangular && std::abs(d.x + d.y) < 1e-6f)) continue;
+    if (triangular && sides(p) && sides(q) && !(sides(p) & sides(q))) continue;
+    longest = std::max(longest, length(toDouble(mesh.positions[b]) - toDouble(mesh.positions[a])));
   }
   return longest;
 }

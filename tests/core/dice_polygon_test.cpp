@@ -170,7 +170,7 @@ TEST(Undiced, LeftHandedMeshesTurnTheirTriangles) {
       const Vec3d p = toDouble(diced.positions[diced.triangles[3 * t]]);
       EXPECT_GT(dot(test::areaVector(diced, t), p) * (left ? -1 : 1), 0);
     }
-    EXPECT_EQ(test::openEdges(diced).unpaired, 0u);
+    EXPECT_EQ(test::openEdges(diced), 0u);
   }
 }
 

@@ -78,7 +78,8 @@ PatternPoint randomPoint(uint32_t material, Random& random) {
   point.material = material;
   point.st = {random.in(-3, 3), random.in(-3, 3)};
   const float size = std::exp2(random.in(-11, 2)), ratio = std::exp2(random.in(-6, 0));
-  const float a = random.in(0, 6.3f), b = a + random.in(0.3f, 2.8f);
+  float a = random.in(0, 6.3f), b = a + random.in(0.3f, 2.8f);
+  if (random.below(4) == 0) a = 0.5f * kPi * float(random.below(4)), b = a + 0.5f * kPi;  // along the axes
   point.dstdx = {size * std::cos(a), size * std::sin(a)};
   point.dstdy = {size * ratio * std::cos(b), size * ratio * std::sin(b)};
   point.color = {random.unit(), random.unit(), random.unit()};
@@ -243,20 +244,30 @@ TEST_F(PatternTest, BlackIsZeroOutside) {
   EXPECT_FLOAT_EQ(shown(values[5])[0], 0.5f);  // on the border, half of the lookup lies outside
 }
 
-// 16 rows of black and white in turn, one row per pixel, but 8 texels per pixel along the rows.
+// Black and white in turn: rows in red, columns in green. Eight texels per pixel along the rows and one across
+// them must keep the rows and average the columns; then the other way round.
 TEST_F(PatternTest, GrazingViewsDoNotBlur) {
   Scene scene;
-  scene.textures = {{"rows.exr", 64, 16, {}}};
-  for (uint32_t i = 0; i < 64 * 16 * 4; ++i) scene.textures[0].rgba.push_back(float((i / 256) % 2));
+  scene.textures = {{"stripes.exr", 64, 64, {}}};
+  for (uint32_t i = 0; i < 64 * 64; ++i)
+    for (float value : {float((i / 64) % 2), float(i % 2), 0.0f, 1.0f}) scene.textures[0].rgba.push_back(value);
   scene.materials = {showing(textureNode(0))};
-  std::vector<PatternPoint> points(16);
+  std::vector<PatternPoint> points(32);
   for (size_t i = 0; i < 16; ++i) {
-    points[i].st = {0.37f, (float(i) + 0.5f) / 16};
+    points[i].st = {30.5f / 64, (float(i) + 0.5f) / 64};
     points[i].dstdx = {8.0f / 64, 0};
-    points[i].dstdy = {0, 1.0f / 16};
+    points[i].dstdy = {0, 1.0f / 64};
+    points[i + 16].st = {points[i].st.y, points[i].st.x};
+    points[i + 16].dstdx = {1.0f / 64, 0};
+    points[i + 16].dstdy = {0, 8.0f / 64};
   }
   const std::vector<ShadingInputs> values = evaluate(scene, points);
-  for (size_t i = 0; i < 16; ++i) EXPECT_NEAR(values[i].diffuse_color.x, float(i % 2), 1e-5);
+  for (size_t i = 0; i < 16; ++i) {
+    EXPECT_NEAR(values[i].diffuse_color.x, float(i % 2), 1e-4);
+    EXPECT_NEAR(values[i].diffuse_color.y, 0.5f, 1e-4);
+    EXPECT_NEAR(values[i + 16].diffuse_color.x, 0.5f, 1e-4);
+    EXPECT_NEAR(values[i + 16].diffuse_color.y, float(i % 2), 1e-4);
+  }
 }
 
 TEST_F(PatternTest, LargeFootprintsGiveTheMean) {

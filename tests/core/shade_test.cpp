@@ -7,7 +7,9 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <stdexcept>
 
+#include "core/shade/interface_albedo.h"
 #include "core/shade/lights.h"
 #include "shapes.h"
 
@@ -50,7 +52,7 @@ class World {
     v.pixel = pixel, v.sample = sample;
     const Ray ray{origin, 0, v.direction};
     trace_->intersect({&ray, 1}, {&v.hit, 1}, Coherence::Coherent);
-    EXPECT_TRUE(v.hit.valid());
+    if (!v.hit.valid()) throw std::logic_error("the test's ray misses");
     return v;
   }
   std::vector<Vec3f> shadeAll(const std::vector<PathVertex>& vertices, const std::vector<uint32_t>& ends) {
@@ -222,7 +224,7 @@ TEST(Shade, EmissionOnBothSidesIsNotAttenuated) {
   world.material().ior.value = 1.5f;
   world.material().emissive_color.value = {2, 0.5f, 0};
   world.addGround();
-  EXPECT_EQ(world.shadeOne({0, 0, 1}, {1, 0, -0.01f}), (Vec3f{2, 0.5f, 0}));
+  EXPECT_EQ(world.shadeOne({0, 0, 1}, {1, 0, -0.1f}), (Vec3f{2, 0.5f, 0}));
   EXPECT_EQ(world.shadeOne({0, 0, -1}, {0, 0, 1}), (Vec3f{2, 0.5f, 0}));
   EXPECT_EQ(world.rays, 0u);
 }
@@ -293,7 +295,9 @@ TEST(Shade, TracedLobesShowLightsOfZeroExtentOnly) {
   World world;
   Material& m = world.material();
   m.roughness.value = 0.2f;
-  m.metallic.value = 1;  // nothing but the interface
+  m.use_specular_workflow = true;
+  m.specular_color.value = {1, 1, 1};
+  m.diffuse_color.value = {0, 0, 0};  // nothing but the interface
   world.addGround();
   Light& light = world.addLight(Light::Kind::Distant);
   light.direction = {0, 0, -1};
@@ -343,6 +347,44 @@ TEST(Shade, VaryingInputsAreEvaluatedPerVertex) {
   }
   const std::vector<Vec3f> radiance = world.shadeAll(vertices, {15, 15, 40});
   for (size_t i = 0; i < expected.size(); ++i) EXPECT_LT(length(radiance[i] - expected[i]), 1e-5) << i;
+}
+
+TEST(Shade, TexturesAreReadAtTheHit) {
+  World world;
+  world.stage.scene.textures.push_back({"two.exr", 2, 1, {1, 0, 0, 1, 0, 0, 1, 1}});
+  PatternNode& node = world.material().nodes.emplace_back();
+  node.texture = 0;
+  node.wrap_s = node.wrap_t = WrapMode::Clamp;
+  world.material().diffuse_color.node = 0;
+  DicedMesh ground;
+  test::addQuad(ground, {0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0});
+  ground.texcoords.push_back({{0, 0}, {1, 0}, {1, 1}, {0, 1}});
+  const uint32_t instance = world.stage.add(ground);
+  Mesh& mesh = world.stage.scene.meshes[world.stage.scene.prototypes[instance].meshes[0]];
+  mesh.texcoords.emplace_back().name = "st";
+  world.addLight(Light::Kind::Dome);
+  const std::vector<Vec3f> radiance =
+      world.shadeAll({world.vertex({0.2f, 0.3f, 1}, kDown), world.vertex({0.8f, 0.3f, 1}, kDown)}, {2});
+  EXPECT_LT(length(radiance[0] - Vec3f{1, 0, 0}), 0.01f);
+  EXPECT_LT(length(radiance[1] - Vec3f{0, 0, 1}), 0.01f);
+}
+
+TEST(Shade, VaryingPathInputsReachTheLobes) {
+  World world;
+  Material& m = world.material();
+  m.nodes.emplace_back().kind = PatternNode::Kind::DisplayColor;
+  m.use_specular_workflow = true;
+  m.specular_color.node = 0;
+  m.roughness.value = 1;
+  m.diffuse_color.value = {0, 0, 0};
+  DicedMesh ground;
+  test::addQuad(ground, {-1, -1, 0}, {1, -1, 0}, {1, 1, 0}, {-1, 1, 0});
+  ground.display_color.assign(4, {0.1f, 0.5f, 1});
+  world.stage.add(ground);
+  world.addLight(Light::Kind::Dome);
+  const Vec3d mean = world.mean(kFrom, kDown);
+  const Vec3f albedo = schlickAlbedo(1, 1, {0.1f, 0.5f, 1}, 1);
+  for (int k = 0; k < 3; ++k) EXPECT_NEAR(mean[k], albedo[k], 0.003) << k;
 }
 
 TEST(Shade, DependsOnNothingButTheBlock) {

@@ -1,0 +1,360 @@
+"""The render settings: one table that drives the flags, docs/settings.md and what core is given.
+
+Keys are the field names of core/scene/settings.h, and so are the defaults; a test compares them.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from encore.errors import SettingError, UsageError
+
+# Methods that design and paper name but that cannot be chosen yet.
+METHODS_TO_COME = ("decoupled", "decoupled-pixel", "vertex")
+
+_SIZE_UNITS = {"": 1, "b": 1}
+for _power, _letter in enumerate("kmgt", start=1):
+    _SIZE_UNITS |= {_letter: 1024**_power, f"{_letter}ib": 1024**_power, f"{_letter}b": 1000**_power}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One render setting.
+
+    key: field of core's Settings. flags: of the command line, the long one first. default: None where the
+    stage decides. minimum and maximum: both allowed; None: no bound, beyond what the type holds.
+    """
+
+    key: str
+    flags: tuple[str, ...]
+    kind: str  # int, float, bool, size or choice
+    default: Any
+    doc: str
+    unit: str = ""
+    minimum: float | None = None
+    maximum: float | None = None
+    above: float | None = None  # a bound that is itself not allowed
+    multiple_of: int | None = None
+    choices: tuple[str, ...] = ()
+    metavar: str = ""
+
+    @property
+    def flag(self) -> str:
+        """The long flag."""
+        return self.flags[0]
+
+    @property
+    def destination(self) -> str:
+        """Attribute name in argparse's namespace."""
+        return f"setting_{self.key}"
+
+    def parse(self, text: str) -> Any:
+        """The value that the text of a flag means. Throws UsageError when it means none."""
+        readers: dict[str, Callable[[str], Any]] = {"int": int, "float": float, "size": parse_size}
+        try:
+            return readers[self.kind](text) if self.kind in readers else text
+        except ValueError:
+            article = {"int": "a whole number", "float": "a number", "size": "a size such as 512M or 2GiB"}
+            raise UsageError(f"'{text}' is not {article[self.kind]}", self.flag) from None
+
+    def check(self, value: Any) -> None:
+        """Throws SettingError that names the flag, the value and the range."""
+        if self.kind == "choice" and value not in self.choices:
+            if self.key == "method" and value in METHODS_TO_COME:
+                raise UsageError(
+                    f"method '{value}' is not supported yet",
+                    self.flag,
+                    f"Choose one of: {', '.join(self.choices)}",
+                )
+            raise UsageError(
+                f"'{value}' is not a choice", self.flag, f"Choose one of: {', '.join(self.choices)}"
+            )
+        if self.kind not in ("int", "float", "size") or value is None:
+            return
+        bad = not math.isfinite(value)
+        bad |= self.minimum is not None and value < self.minimum
+        bad |= self.maximum is not None and value > self.maximum
+        bad |= self.above is not None and value <= self.above
+        bad |= bool(self.multiple_of and value % self.multiple_of)
+        if bad:
+            raise SettingError(f"{value} is out of range", self.flag, f"It must be {self.range_text}")
+
+    @property
+    def range_text(self) -> str:
+        """The range in words, for messages and documentation."""
+        if self.kind == "choice":
+            return " or ".join(f"`{c}`" for c in self.choices)
+        if self.kind == "bool":
+            return "on when given"
+        parts = []
+        if self.above is not None:
+            parts.append(f"above {self.above:g}")
+        if self.minimum is not None:
+            parts.append(f"at least {_number(self.minimum)}")
+        if self.maximum is not None:
+            parts.append(f"at most {_number(self.maximum)}")
+        if self.multiple_of:
+            parts.append(f"a multiple of {self.multiple_of}")
+        return ", ".join(parts) or "finite"
+
+    @property
+    def default_text(self) -> str:
+        """The default in words, for help and documentation."""
+        if self.default is None:
+            return "from the camera"
+        if self.kind == "bool":
+            return "on" if self.default else "off"
+        return _number(self.default) if isinstance(self.default, (int, float)) else str(self.default)
+
+
+_UINT32_MAX = 2**32 - 1
+
+GROUPS: dict[str, tuple[Setting, ...]] = {
+    "image": (
+        Setting(
+            "width",
+            ("--imageWidth", "-w"),
+            "int",
+            960,
+            "Width of the image.",
+            unit="pixels",
+            minimum=1,
+            maximum=65536,
+            metavar="PIXELS",
+        ),
+        Setting(
+            "height",
+            ("--imageHeight",),
+            "int",
+            None,
+            "Height of the image; without it, the width and the camera's aspect ratio decide.",
+            unit="pixels",
+            minimum=1,
+            maximum=65536,
+            metavar="PIXELS",
+        ),
+        Setting(
+            "dome_light_visible",
+            ("--enableDomeLightVisibility",),
+            "bool",
+            False,
+            "The camera sees dome lights as the background. Reflections and refractions always see them.",
+        ),
+        Setting(
+            "lights_visible",
+            ("--enableLightVisibility",),
+            "bool",
+            False,
+            "The camera sees rectangle and sphere lights. Reflections and refractions always see them.",
+        ),
+    ),
+    "method": (
+        Setting(
+            "method",
+            ("--method",),
+            "choice",
+            "reuse",
+            "How shading is spent: `reuse` shades few points and reuses the nearest one (the product); "
+            "`reference` shades every antialiasing sample (to compare with).",
+            choices=("reuse", "reference"),
+            metavar="METHOD",
+        ),
+        Setting(
+            "samples",
+            ("--samples",),
+            "int",
+            8,
+            "Antialiasing samples: N × N per pixel.",
+            unit="per pixel side",
+            minimum=1,
+            maximum=64,
+            metavar="N",
+        ),
+        Setting(
+            "shading_rate",
+            ("--shadingRate",),
+            "float",
+            2.0,
+            "Shading samples per pixel per layer, on average. (RenderMan's shading rate is its inverse: "
+            "pixels per shading sample.) Not used by `--method reference`.",
+            unit="per pixel per layer",
+            above=0,
+            maximum=256,
+            metavar="X",
+        ),
+        Setting(
+            "max_bounces",
+            ("--maxBounces",),
+            "int",
+            4,
+            "Mirror, glossy and refractive bounces after the first hit; 0 leaves only the direct layer.",
+            unit="bounces",
+            minimum=0,
+            maximum=256,
+            metavar="N",
+        ),
+        Setting(
+            "roughness_limit",
+            ("--roughnessLimit",),
+            "float",
+            0.3,
+            "Reflections of interfaces up to this roughness are traced and get a layer of their own; those "
+            "of rougher ones are evaluated under the lights as part of shading. Refraction is always traced.",
+            unit="UsdPreviewSurface roughness",
+            minimum=0,
+            maximum=1,
+            metavar="X",
+        ),
+        Setting(
+            "reuse_tile_pixels",
+            ("--reuseTile",),
+            "int",
+            512,
+            "Side of the squares within which shading is reused. Recorded, because it changes pixels.",
+            unit="pixels",
+            minimum=16,
+            maximum=65536,
+            multiple_of=16,
+            metavar="PIXELS",
+        ),
+        Setting(
+            "seed",
+            ("--seed",),
+            "int",
+            0,
+            "Seed of all random numbers. Equal seeds give equal pixels, bit for bit.",
+            minimum=0,
+            maximum=_UINT32_MAX,
+            metavar="N",
+        ),
+    ),
+    "light": (
+        Setting(
+            "light_samples",
+            ("--lightSamples",),
+            "int",
+            16,
+            "Shadow rays per light with an extent, each time a point is shaded.",
+            unit="rays per light and shade",
+            minimum=1,
+            maximum=65536,
+            metavar="N",
+        ),
+        Setting(
+            "occlusion_samples",
+            ("--occlusionSamples",),
+            "int",
+            64,
+            "Occlusion rays per dome light, each time a point is shaded.",
+            unit="rays per dome and shade",
+            minimum=1,
+            maximum=65536,
+            metavar="N",
+        ),
+    ),
+    "filter": (
+        Setting(
+            "filter",
+            ("--filter",),
+            "choice",
+            "blackman-harris",
+            "Reconstruction filter of the pixels.",
+            choices=("box", "gaussian", "mitchell", "blackman-harris"),
+            metavar="FILTER",
+        ),
+        Setting(
+            "filter_radius_pixels",
+            ("--filterRadius",),
+            "float",
+            1.5,
+            "Distance from the pixel's centre at which the filter ends, along each axis. `box` usually wants "
+            "0.5.",
+            unit="pixels",
+            minimum=0.5,
+            maximum=8,
+            metavar="X",
+        ),
+    ),
+    "geometry": (
+        Setting(
+            "target_edge_length_world",
+            ("--targetEdgeLength",),
+            "float",
+            0.0,
+            "Longest edge of the micropolygons that subdivision surfaces are diced into, for meshes without "
+            "`primvars:encore:targetEdgeLength`. 0: from the size of each mesh and of the scene, never from "
+            "the camera.",
+            unit="world units",
+            minimum=0,
+            metavar="X",
+        ),
+        Setting(
+            "max_micropolygons",
+            ("--maxMicropolygons",),
+            "int",
+            100_000_000,
+            "Most micropolygons that dicing may make; beyond it the frame ends with an error instead of "
+            "exhausting the machine.",
+            unit="micropolygons",
+            minimum=1,
+            maximum=10_000_000_000,
+            metavar="N",
+        ),
+    ),
+    "machine": (
+        Setting(
+            "memory_budget_bytes",
+            ("--memory",),
+            "size",
+            0,
+            "Memory for samples, trees and film; never changes a pixel. Geometry and textures are not part "
+            "of it. K, M, G, T and KiB, MiB, … count in 1024s; KB, MB, … in 1000s. 0: from the device.",
+            unit="bytes",
+            minimum=0,
+            metavar="SIZE",
+        ),
+        Setting(
+            "threads",
+            ("--threads",),
+            "int",
+            0,
+            "CPU threads; never changes a pixel. 0: all.",
+            unit="threads",
+            minimum=0,
+            maximum=1024,
+            metavar="N",
+        ),
+    ),
+}
+
+SETTINGS: dict[str, Setting] = {s.key: s for group in GROUPS.values() for s in group}
+
+
+def _number(value: float) -> str:
+    """A number as people write it: no exponent and no needless fraction."""
+    return str(int(value)) if float(value).is_integer() else f"{value:g}"
+
+
+def parse_size(text: str) -> int:
+    """Bytes that `text` means, such as 64M, 1.5GiB, 512MB or 1000000. Throws ValueError."""
+    match = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]*)?)\s*([A-Za-z]*)\s*", text)
+    if not match or match[2].lower() not in _SIZE_UNITS:
+        raise ValueError(f"not a size: {text!r}")
+    return int(float(match[1]) * _SIZE_UNITS[match[2].lower()])
+
+
+def resolve(given: Mapping[str, Any]) -> dict[str, Any]:
+    """All settings: the given ones (None: not given) over the defaults, checked.
+
+    height stays None unless given: the camera decides it. Throws SettingError or UsageError.
+    """
+    values: dict[str, Any] = {}
+    for key, setting in SETTINGS.items():
+        value = given.get(key)
+        values[key] = setting.default if value is None else value
+        setting.check(values[key])
+    return values

@@ -1,0 +1,134 @@
+"""The codeless schema, in processes of its own because USD reads schemas once."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import encore
+import pytest
+from encore import schema
+from pxr import Sdf
+
+PACKAGE_PARENT = str(Path(encore.__file__).parents[1])
+SOURCE = Path(__file__).parents[2] / "schemas" / "schema.usda"
+
+
+def run(code: str, **environment: str) -> str:
+    """Standard output of a fresh Python that runs the code."""
+    variables = {**os.environ, "PYTHONPATH": PACKAGE_PARENT, **environment}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=variables, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+STAGE = """
+from pxr import Usd, UsdGeom
+stage = Usd.Stage.CreateInMemory()
+UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+UsdGeom.SetStageMetersPerUnit(stage, 1)
+world = UsdGeom.Xform.Define(stage, "/World")
+stage.SetDefaultPrim(world.GetPrim())
+prim = UsdGeom.Cube.Define(stage, "/World/Cube").GetPrim()
+"""
+
+
+def test_apply_api() -> None:
+    out = run(
+        "import encore" + STAGE + "assert prim.CanApplyAPI('EncorePrimvarsAPI')\n"
+        "assert prim.ApplyAPI('EncorePrimvarsAPI')\n"
+        "assert prim.HasAPI('EncorePrimvarsAPI')\n"
+        "edge = prim.GetAttribute('primvars:encore:targetEdgeLength')\n"
+        "assert edge.Get() == 0 and not edge.HasAuthoredValue()\n"
+        "edge.Set(0.25)\n"
+        "print(stage.GetRootLayer().ExportToString())"
+    )
+    assert 'prepend apiSchemas = ["EncorePrimvarsAPI"]' in out
+    assert "float primvars:encore:targetEdgeLength = 0.25" in out
+
+
+def test_registry_knows_properties_fallbacks_and_documentation() -> None:
+    found = json.loads(
+        run(
+            "import encore, json\nfrom pxr import Usd\n"
+            "d = Usd.SchemaRegistry().FindAppliedAPIPrimDefinition('EncorePrimvarsAPI')\n"
+            "names = d.GetPropertyNames()\n"
+            "attributes = [d.GetAttributeDefinition(n) for n in names]\n"
+            "print(json.dumps({n: [str(a.GetTypeName()), a.GetFallbackValue(), d.GetPropertyDocumentation(n)]"
+            " for n, a in zip(names, attributes)}))"
+        )
+    )
+    assert set(found) == {schema.TARGET_EDGE_LENGTH, schema.SHADING_RATE}
+    assert all(kind == "float" and fallback == 0 for kind, fallback, _ in found.values())
+    assert "world units" in found[schema.TARGET_EDGE_LENGTH][2]
+    assert "per pixel" in found[schema.SHADING_RATE][2]
+
+
+def test_plugin_path_variable_does_the_same_without_importing_encore() -> None:
+    code = STAGE + "assert prim.ApplyAPI('EncorePrimvarsAPI'); print('applied')"
+    assert "applied" in run(code, PXR_PLUGINPATH_NAME=str(schema.folder()))
+
+
+VALIDATE = """
+import encore
+from pxr import UsdValidation
+registry = UsdValidation.ValidationRegistry()
+def errors():
+    found = UsdValidation.ValidationContext(registry.GetOrLoadAllValidators()).Validate(stage)
+    return [f"{e.GetName()}: {e.GetMessage()}" for e in found]
+"""
+
+
+def test_validation_is_clean_with_it_and_not_blind() -> None:
+    pytest.importorskip("pxr.UsdValidation", reason="this USD has no UsdValidation")
+    out = run(
+        VALIDATE + STAGE + "prim.ApplyAPI('EncorePrimvarsAPI')\n"
+        "prim.GetAttribute('primvars:encore:targetEdgeLength').Set(0.25)\n"
+        "prim.GetAttribute('primvars:encore:shadingRate').Set(4)\n"
+        "print(len(errors()), errors())\n"
+        "from pxr import Sdf\n"
+        "spec = Sdf.CreatePrimInLayer(stage.GetRootLayer(), '/World/Cube')\n"
+        "spec.RemoveProperty(spec.attributes['primvars:encore:shadingRate'])\n"
+        "Sdf.AttributeSpec(spec, 'primvars:encore:shadingRate', Sdf.ValueTypeNames.String)\n"
+        "print('\\n'.join(errors()))"
+    )
+    clean, *mistyped = out.splitlines()
+    assert clean == "0 []"
+    assert any("primvars:encore:shadingRate" in line for line in mistyped)
+
+
+def test_compliance_checker_is_clean_with_it() -> None:
+    from pxr import UsdUtils
+
+    if not hasattr(UsdUtils, "ComplianceChecker"):
+        pytest.skip("this USD has no UsdUtils.ComplianceChecker")
+    out = run(
+        "import encore" + STAGE + "prim.ApplyAPI('EncorePrimvarsAPI')\n"
+        "from pxr import UsdUtils\n"
+        "checker = UsdUtils.ComplianceChecker(skipARKitRootLayerCheck=True)\n"
+        "import tempfile, os\n"
+        "path = os.path.join(tempfile.mkdtemp(), 'a.usda')\n"
+        "stage.GetRootLayer().Export(path)\n"
+        "checker.CheckCompliance(path)\n"
+        "print(checker.GetErrors(), checker.GetFailedChecks())"
+    )
+    assert out.strip() == "[] []"
+
+
+def test_generated_schema_is_made_of_the_source() -> None:
+    source_layer = Sdf.Layer.OpenAsAnonymous(str(SOURCE))
+    source = source_layer.GetPrimAtPath("/EncorePrimvarsAPI")
+    generated_layer = Sdf.Layer.OpenAsAnonymous(str(schema.folder() / "generatedSchema.usda"))
+    made = generated_layer.GetPrimAtPath("/EncorePrimvarsAPI")
+
+    def facts(prim: Sdf.PrimSpec) -> dict[str, tuple[object, ...]]:
+        return {
+            p.name: (p.typeName, p.default, p.variability, p.displayName, p.displayGroup)
+            for p in prim.attributes
+        }
+
+    assert facts(source) == facts(made)
+    assert set(facts(made)) == {schema.TARGET_EDGE_LENGTH, schema.SHADING_RATE}

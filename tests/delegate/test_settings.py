@@ -1,0 +1,123 @@
+"""The table of settings against the core, the documentation, and bad values."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from encore.errors import SettingError, UsageError
+from encore.settings import GROUPS, SETTINGS, Setting, parse_size, resolve
+
+DOCS = Path(__file__).parents[2] / "docs"
+NUMERIC = [s for s in SETTINGS.values() if s.kind in ("int", "float", "size")]
+
+
+def test_keys_and_defaults_are_those_of_the_core() -> None:
+    core = pytest.importorskip("encore._core").default_settings()
+    assert set(core) == set(SETTINGS)
+    for key, setting in SETTINGS.items():
+        if setting.default is not None:
+            assert core[key] == pytest.approx(setting.default, rel=1e-6), key
+
+
+def core_refuses(key: str, value: Any) -> bool:
+    """Whether the core calls the value out of range; it checks settings before it looks at the scene."""
+    core = pytest.importorskip("encore._core")
+    with pytest.raises(core.Error) as caught:
+        core.render(core.Scene(), {key: value})
+    return caught.value.kind == "setting" and caught.value.where == key
+
+
+@pytest.mark.parametrize("setting", [s for s in NUMERIC if s.kind != "size"], ids=lambda s: s.key)
+def test_ranges_are_those_of_the_core(setting: Setting) -> None:
+    step = setting.multiple_of or (1 if setting.kind == "int" else 1e-3)
+    for bound, outwards in ((setting.minimum, -step), (setting.above, 0), (setting.maximum, step)):
+        if bound is None:
+            continue
+        outside = bound + outwards
+        with pytest.raises(SettingError, match=setting.flag):
+            setting.check(outside)
+        if not (setting.kind == "int" and (outside < 0 or outside > 2**32 - 1)):  # no such number in the core
+            assert core_refuses(setting.key, outside)
+        inside = bound + step if bound == setting.above else bound
+        setting.check(inside)
+        assert not core_refuses(setting.key, inside)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_numbers_that_are_not_finite_are_out_of_range(value: float) -> None:
+    for setting in NUMERIC:
+        with pytest.raises(SettingError):
+            setting.check(value)
+
+
+def test_names_of_choices_are_those_of_the_core() -> None:
+    for key in ("method", "filter"):
+        for choice in SETTINGS[key].choices:
+            assert not core_refuses(key, choice)
+        assert core_refuses(key, "no such thing")
+
+
+def test_tiles_must_be_whole_blocks() -> None:
+    with pytest.raises(SettingError, match="multiple of 16"):
+        resolve({"reuse_tile_pixels": 100})
+
+
+def test_resolve_puts_given_values_over_defaults() -> None:
+    settings = resolve({"samples": 3, "seed": None})
+    assert settings["samples"] == 3
+    assert settings["seed"] == 0
+    assert settings["height"] is None
+    assert set(settings) == set(SETTINGS)
+
+
+@pytest.mark.parametrize("method", ["decoupled", "decoupled-pixel", "vertex"])
+def test_methods_to_come_are_refused_and_the_others_named(method: str) -> None:
+    with pytest.raises(UsageError, match=r"not supported yet.*reuse, reference"):
+        resolve({"method": method})
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [
+        ("0", 0),
+        ("1000000", 1_000_000),
+        ("64M", 64 * 2**20),
+        ("64m", 64 * 2**20),
+        ("1G", 2**30),
+        ("1.5GiB", 3 * 2**29),
+        ("512MiB", 512 * 2**20),
+        ("512MB", 512_000_000),
+        ("2 TB", 2 * 10**12),
+        ("7B", 7),
+    ],
+)
+def test_sizes(text: str, size: int) -> None:
+    assert parse_size(text) == size
+
+
+@pytest.mark.parametrize("text", ["", "G", "-1G", "1X", "1GiBs", "1e9", "0x10", "nan"])
+def test_what_is_no_size(text: str) -> None:
+    with pytest.raises(UsageError, match="--memory"):
+        SETTINGS["memory_budget_bytes"].parse(text)
+
+
+def test_documentation_lists_every_setting_as_it_is() -> None:
+    text = (DOCS / "settings.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `(--\w+)[^|]*(\|.*)$", text, re.M))
+    assert set(rows) == {s.flag for s in SETTINGS.values()}
+    for setting in SETTINGS.values():
+        cells = [cell.strip() for cell in rows[setting.flag].strip("|").split("|")]
+        assert cells == [
+            f"`{setting.key}`",
+            setting.default_text,
+            setting.unit or "–",
+            setting.range_text,
+            setting.doc,
+        ]
+
+
+def test_every_group_has_settings_and_flags_are_unique() -> None:
+    flags = [flag for group in GROUPS.values() for setting in group for flag in setting.flags]
+    assert all(GROUPS.values())
+    assert len(flags) == len(set(flags))
