@@ -22,7 +22,10 @@ class Dicer {
  public:
   Dicer(const Mesh& mesh, float edge_length, uint64_t max_micropolygons) : mesh_(mesh) {
     if (mesh.scheme == SubdivisionScheme::None) {
-      checkMicropolygonCap(mesh, mesh.face_vertex_counts.size(), edge_length, max_micropolygons);
+      if (mesh.face_vertex_counts.size() > max_micropolygons)
+        throw overMicropolygonCap(mesh, std::to_string(mesh.face_vertex_counts.size()) +
+                                            " undiced faces are more than the cap of " +
+                                            std::to_string(max_micropolygons) + " micropolygons");
       return;
     }
     // Faces of bilinear meshes are as flat as they come: finer grids would only help where they are to be

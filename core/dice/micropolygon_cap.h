@@ -22,12 +22,10 @@ inline std::string lengthText(double length) {
   return text;
 }
 
-// edge_length: in prototype space. Throws Error(Memory) when count is more than cap.
-inline void checkMicropolygonCap(const Mesh& mesh, uint64_t count, double edge_length, uint64_t cap) {
-  if (count > cap)
-    throw overMicropolygonCap(mesh, "an edge length of " + lengthText(edge_length) +
-                                        " in prototype space makes at least " + std::to_string(count) +
-                                        " micropolygons, more than the cap of " + std::to_string(cap));
+// count: in words. edge_length: in prototype space.
+inline Error tooManyMicropolygons(const Mesh& mesh, const std::string& count, double edge_length, uint64_t cap) {
+  return overMicropolygonCap(mesh, "an edge length of " + lengthText(edge_length) + " in prototype space makes " +
+                                       count + " micropolygons, more than the cap of " + std::to_string(cap));
 }
 
 }  // namespace encore

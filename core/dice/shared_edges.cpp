@@ -1,12 +1,14 @@
 #include "core/dice/shared_edges.h"
 
+#include <algorithm>
+
 namespace encore {
 
 SharedEdges::SharedEdges(const LimitTopology& topology) : topology_(topology) {
   const auto base = topology.base();
   base_edges_ = uint32_t(base.GetNumEdges());
   edge_owner_.assign(base_edges_, -1);
-  even_.assign(base_edges_, 0);
+  has_middle_.assign(base_edges_, 0);
   corner_owner_.assign(size_t(base.GetNumVertices()), -1);
   corners_.resize(corner_owner_.size());
   middles_.resize(size_t(base.GetNumFaces()));
@@ -18,16 +20,17 @@ SharedEdges::SharedEdges(const LimitTopology& topology) : topology_(topology) {
     for (const int32_t edge : base.GetFaceEdges(face)) {
       if (edge_owner_[edge] < 0) edge_owner_[edge] = face;
       if (!split) continue;
-      even_[edge] = 1;
+      has_middle_[edge] = 1;
       inner_base_.push_back(uint32_t(edge));
       inner_face_.push_back(uint32_t(face));
     }
     for (const int32_t point : base.GetFaceVertices(face))
       if (corner_owner_[point] < 0) corner_owner_[point] = face;
   }
-  even_.resize(base_edges_ + inner_base_.size(), 0);
-  rate_.assign(even_.size(), 1);
-  points_.resize(even_.size());
+  has_middle_.resize(base_edges_ + inner_base_.size(), 0);
+  rate_.assign(has_middle_.size(), 1);
+  parameters_.resize(has_middle_.size());
+  points_.resize(has_middle_.size());
 }
 
 void SharedEdges::placeCorners(int32_t face, const LimitSurface& surface) {
@@ -62,7 +65,7 @@ Vec3f SharedEdges::edgePoint(uint32_t edge, uint32_t i) const {
   if (i > 0 && i < rate_[edge]) return points_[edge][i - 1];
   if (edge < base_edges_) return corners_[topology_.base().GetEdgeVertices(int(edge))[i == 0 ? 0 : 1]];
   const uint32_t inner = edge - base_edges_, from = inner_base_[inner];
-  return i == 0 ? edgePoint(from, rate_[from] / 2) : middles_[inner_face_[inner]];
+  return i == 0 ? edgePoint(from, middleIndex(from)) : middles_[inner_face_[inner]];
 }
 
 PrimitiveSide SharedEdges::side(int32_t face, int32_t corner, int side) const {
@@ -79,9 +82,23 @@ PrimitiveSide SharedEdges::side(int32_t face, int32_t corner, int side) const {
   if (side == 1) return {inner + uint32_t(corner), 0, 1, rate_[inner + corner]};
   if (side == 2) return {inner + uint32_t(before), rate_[inner + before], -1, rate_[inner + before]};
   const int32_t k = side == 0 ? corner : before;
-  const uint32_t edge = uint32_t(edges[k]), half = rate_[edge] / 2;
-  const bool forward = isForward(face, k);
-  return {edge, side == 3 ? half : forward ? 0 : rate_[edge], forward ? 1 : -1, half};
+  const uint32_t edge = uint32_t(edges[k]), middle = middleIndex(edge), rate = rate_[edge];
+  const bool forward = isForward(face, k), towards_end = forward == (side == 3);
+  return {edge, side == 3 ? middle : forward ? 0 : rate, forward ? 1 : -1, towards_end ? rate - middle : middle};
+}
+
+uint32_t SharedEdges::middleIndex(uint32_t edge) const {
+  const Parameters& parameters = parameters_[edge];
+  if (parameters.empty()) return rate_[edge] / 2;
+  return uint32_t(std::lower_bound(parameters.begin(), parameters.end(), 0.5) - parameters.begin());
+}
+
+void SharedEdges::parameters(const PrimitiveSide& side, Parameters& out) const {
+  const Parameters& edge = parameters_[side.edge];
+  out.resize(side.count + 1);
+  const auto at = [&](uint32_t i) { return edge[size_t(int64_t(side.first) + int64_t(side.step) * i)]; };
+  for (uint32_t i = 0; i <= side.count; ++i)
+    out[i] = edge.empty() ? double(i) / side.count : (at(i) - at(0)) / (at(side.count) - at(0));
 }
 
 }  // namespace encore

@@ -30,21 +30,27 @@ class SharedEdges {
   // Evaluates the vertices that the face owns.
   void placeCorners(int32_t face, const LimitSurface& surface);
 
-  // Middles of edges of split faces are vertices: such edges have even rates.
-  bool isEven(uint32_t edge) const { return even_[edge] != 0; }
-  uint32_t edgeCount() const { return uint32_t(rate_.size()); }
+  // Whether the middle of the edge is a vertex, because a split face has it.
+  bool hasMiddle(uint32_t edge) const { return has_middle_[edge] != 0; }
   uint32_t rate(uint32_t edge) const { return rate_[edge]; }
   void setRate(uint32_t edge, uint32_t rate) { rate_[edge] = rate; }
-  // Positions at t = 1 / rate, ..., (rate - 1) / rate.
-  void setPoints(uint32_t edge, std::vector<Vec3f> points) { points_[edge] = std::move(points); }
+  // parameters: as many as the edge's rate says and one more, or empty: uniform. points: positions at the
+  // inner ones. Edges with a middle have it among them.
+  void setPoints(uint32_t edge, Parameters parameters, std::vector<Vec3f> points) {
+    parameters_[edge] = std::move(parameters);
+    points_[edge] = std::move(points);
+  }
 
   PrimitiveSide side(int32_t face, int32_t corner, int side) const;
+  // The side's own parameters, from 0 to 1. Replaces the contents of out.
+  void parameters(const PrimitiveSide& side, Parameters& out) const;
   Vec3f point(const PrimitiveSide& side, uint32_t i) const {
     return edgePoint(side.edge, uint32_t(int64_t(side.first) + int64_t(side.step) * i));
   }
 
  private:
   bool isForward(int32_t face, int32_t k) const;
+  uint32_t middleIndex(uint32_t edge) const;
   Vec3f edgePoint(uint32_t edge, uint32_t i) const;
 
   const LimitTopology& topology_;
@@ -52,7 +58,8 @@ class SharedEdges {
   // Edges: those of the base mesh, then for every split face one from the middle of each of its edges to
   // its own middle.
   std::vector<uint32_t> rate_;
-  std::vector<uint8_t> even_;
+  std::vector<uint8_t> has_middle_;
+  std::vector<Parameters> parameters_;
   std::vector<std::vector<Vec3f>> points_;
   std::vector<int32_t> edge_owner_;    // base edges: face, or -1
   std::vector<uint32_t> inner_first_;  // per face: its first inner edge

@@ -5,13 +5,12 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
+#include <atomic>
 #include <limits>
 #include <string>
-#include <utility>
 
+#include "core/dice/chords.h"
 #include "core/dice/micropolygon_cap.h"
-#include "core/scene/error.h"
 
 namespace encore {
 namespace {
@@ -19,48 +18,10 @@ namespace {
 // Segments per side of the coarse measurement that rates start from: it sees curves that come back to
 // where they began, which the chords of a rate of 1 would not.
 constexpr uint32_t kCoarse = 4;
-// Far above every useful rate; sums of four fit uint32_t.
-constexpr uint32_t kMaxRate = 1u << 28;
+constexpr uint64_t kSaturated = std::numeric_limits<int64_t>::max();
 
-// Lengths of chords are measured between the float positions that are output.
-double chord(Vec3f a, Vec3f b) { return length(toDouble(b) - toDouble(a)); }
-
-uint32_t toRate(double rate) { return rate < kMaxRate ? std::max(1u, uint32_t(std::ceil(rate))) : kMaxRate; }
-
-// The rate that should bring the longest chord down to allowed; grows by at least one.
-uint32_t raised(uint32_t rate, double longest, double allowed) {
-  return std::max(std::min(rate + 1, kMaxRate), toRate(rate * (longest / allowed)));
-}
-
-uint32_t roundedUp(uint32_t rate, bool even) { return even ? rate + rate % 2 : rate; }
-
-Vec3f position(const LimitSurface& surface, int32_t corner, ParamCoord at) {
-  double p[3];
-  surface.evaluate(corner, at, p);
-  return toFloat(Vec3d{p[0], p[1], p[2]});
-}
-
-// Longest chords of the (nu, nv) lattice on a primitive, borders included: along u, along v, and, of the
-// lattice of a triangle, across. Holds one row at a time.
-std::array<double, 3> longestChords(const LimitSurface& surface, int32_t corner, DomainShape shape, uint32_t nu,
-                                    uint32_t nv) {
-  const bool quad = shape == DomainShape::Quad;
-  std::array<double, 3> longest{};
-  std::vector<Vec3f> row(nu + 1), below(nu + 1);
-  for (uint32_t j = 0; j <= nv; ++j) {
-    const uint32_t end = quad ? nu : nu - j;
-    for (uint32_t i = 0; i <= end; ++i) {
-      row[i] = position(surface, corner, {double(i) / nu, double(j) / nv});
-      if (i > 0) longest[0] = std::max(longest[0], chord(row[i - 1], row[i]));
-      if (j > 0) longest[1] = std::max(longest[1], chord(below[i], row[i]));
-      if (j > 0 && !quad) longest[2] = std::max(longest[2], chord(below[i + 1], row[i]));
-    }
-    std::swap(row, below);
-  }
-  return longest;
-}
-
-double maxOf(const std::array<double, 3>& values) { return *std::max_element(values.begin(), values.end()); }
+// The rate that the fastest of kCoarse segments asks for.
+uint32_t coarseRate(double longest, double allowed) { return toRate(kCoarse * longest / allowed); }
 
 // Calls body(face) for faces with a limit surface, the surface of positions bound to it.
 template <class Needed, class Body>
@@ -107,7 +68,6 @@ SubdivisionDicer::SubdivisionDicer(const Mesh& mesh, float edge_length, uint64_t
       shared_(topology_) {
   listPrimitives();
   measure();
-  count();  // refuses what is far too much before any of it is held
   sampleEdges();
   refineGrids();
   count();
@@ -121,6 +81,7 @@ Tessellation SubdivisionDicer::tessellation(const Primitive& primitive) const {
   std::array<uint32_t, 4> sides{1, 1, 1, 1};
   for (int s = 0; s < (topology_.shape() == DomainShape::Quad ? 4 : 3); ++s)
     sides[s] = shared_.side(primitive.face, primitive.corner, s).count;
+  if (primitive.lattice) return {topology_.shape(), sides, primitive.nu, primitive.nv};
   return fitTessellation(topology_.shape(), sides, primitive.nu, primitive.nv);
 }
 
@@ -129,61 +90,59 @@ void SubdivisionDicer::listPrimitives() {
     first_primitive_.push_back(uint32_t(primitives_.size()));
     if (!topology_.hasLimit(face)) continue;
     const int32_t corners = topology_.isSplit(face) ? mesh_.face_vertex_counts[face] : 1;
-    for (int32_t corner = 0; corner < corners; ++corner) primitives_.push_back({face, corner, 1, 1});
+    for (int32_t corner = 0; corner < corners; ++corner) primitives_.push_back({face, corner, 1, 1, nullptr});
   }
   first_primitive_.push_back(uint32_t(primitives_.size()));
 }
 
-// First rates, from coarse chords: what they say about the fastest stretch.
+// First rates, from coarse chords: what they say about the fastest stretch. Refuses what is far too much
+// before any of it is held.
 void SubdivisionDicer::measure() {
-  const auto curveRate = [this](const auto& curve) {
-    double longest = 0;
-    Vec3f last = curve(0.0);
-    for (uint32_t i = 1; i <= kCoarse; ++i) {
-      const Vec3f next = curve(double(i) / kCoarse);
-      longest = std::max(longest, chord(last, next));
-      last = next;
-    }
-    return toRate(kCoarse * longest / allowed_);
+  const bool quad = topology_.shape() == DomainShape::Quad;
+  const Parameters coarse = uniformParameters(kCoarse);
+  std::atomic<uint64_t> estimate = 0;
+  const auto measurePrimitive = [&](Primitive& primitive, const LimitSurface& surface) {
+    const GridChords chords = gridChords(surface, primitive.corner, topology_.shape(), coarse, coarse);
+    const double u = chords.u.most(), v = chords.v.most();
+    primitive.nu = coarseRate(quad ? u : std::max({u, v, chords.across}), allowed_);
+    primitive.nv = quad ? coarseRate(v, allowed_) : 1;
+    // As many as an even run would take; limited so that the sum of some millions does not overflow.
+    const uint64_t cells = uint64_t(toRate(chords.u.line / allowed_)) * toRate(chords.v.line / allowed_);
+    estimate += std::min(cells, uint64_t{1} << 40);
   };
   forEachFace(
       faceCount(), positionSurface(), [this](int32_t face) { return topology_.hasLimit(face); },
       [&](int32_t face, const LimitSurface& surface) {
+        std::vector<Vec3f> points;
         shared_.placeCorners(face, surface);
         shared_.visitOwnedEdges(face, surface, [&](uint32_t edge, const auto& curve) {
-          shared_.setRate(edge, roundedUp(curveRate(curve), shared_.isEven(edge)));
+          const uint32_t rate = coarseRate(curveChords(curve, coarse, points).most(), allowed_);
+          shared_.setRate(edge, shared_.hasMiddle(edge) ? rate + rate % 2 : rate);
         });
-        for (uint32_t i = first_primitive_[face]; i < first_primitive_[face + 1]; ++i) {
-          Primitive& primitive = primitives_[i];
-          const auto longest = longestChords(surface, primitive.corner, topology_.shape(), kCoarse, kCoarse);
-          const bool quad = topology_.shape() == DomainShape::Quad;
-          primitive.nu = toRate(kCoarse * (quad ? longest[0] : maxOf(longest)) / allowed_);
-          primitive.nv = quad ? toRate(kCoarse * longest[1] / allowed_) : 1;
-        }
+        for (uint32_t i = first_primitive_[face]; i < first_primitive_[face + 1]; ++i)
+          measurePrimitive(primitives_[i], surface);
       });
+  if (estimate / 2 > max_micropolygons_)
+    throw tooManyMicropolygons(mesh_, "about " + std::to_string(estimate), edge_length_, max_micropolygons_);
 }
 
 // Raises the rates of edges until every chord is short enough, and keeps their points.
 void SubdivisionDicer::sampleEdges() {
-  const auto sample = [this](uint32_t edge, const auto& curve) {
-    uint32_t rate = shared_.rate(edge);
+  // Triangles have uniform lattices, which a side of other parameters would never fit.
+  const bool may_bisect = topology_.shape() == DomainShape::Quad;
+  const uint64_t limit = std::min(2 * max_micropolygons_ + 2, uint64_t{kMaxRate} / 2);
+  const auto sample = [&](uint32_t edge, const auto& curve) {
+    if (shared_.rate(edge) == 1) return;
+    Spacing spacing(shared_.rate(edge), allowed_, shared_.hasMiddle(edge));
     std::vector<Vec3f> points;
-    while (rate > 1 && rate < kMaxRate && rate <= max_micropolygons_) {
-      points.clear();
-      Vec3f last = curve(0.0);
-      double longest = 0;
-      for (uint32_t i = 1; i <= rate; ++i) {
-        const Vec3f next = curve(double(i) / rate);
-        longest = std::max(longest, chord(last, next));
-        if (i < rate) points.push_back(next);
-        last = next;
-      }
-      if (longest <= allowed_) break;
-      rate = roundedUp(raised(rate, longest, allowed_), shared_.isEven(edge));
+    while (true) {
+      if (spacing.rate() > limit) return shared_.setRate(edge, kMaxRate);  // count() refuses it
+      const ChordLengths chords = curveChords(curve, spacing.parameters(), points);
+      if (!(may_bisect ? spacing.refine(chords) : spacing.refineUniformly(chords.most()))) break;
     }
-    points.shrink_to_fit();
-    shared_.setRate(edge, rate);
-    shared_.setPoints(edge, std::move(points));
+    shared_.setRate(edge, spacing.rate());
+    shared_.setPoints(edge, spacing.uniform() ? Parameters{} : spacing.parameters(),
+                      std::vector<Vec3f>(points.begin() + 1, points.end() - 1));
   };
   forEachFace(
       faceCount(), positionSurface(),
@@ -192,25 +151,29 @@ void SubdivisionDicer::sampleEdges() {
 }
 
 void SubdivisionDicer::refineQuad(Primitive& primitive, const LimitSurface& surface) const {
-  while (true) {
-    const Tessellation t = tessellation(primitive);
-    // Without a lattice there are no edges inside to measure.
-    if ((t.nu == 1 && t.nv == 1) || t.micropolygons() > max_micropolygons_) return;
-    const auto longest = longestChords(surface, primitive.corner, t.shape, t.nu, t.nv);
-    primitive.nu = longest[0] > allowed_ ? raised(t.nu, longest[0], allowed_) : t.nu;
-    primitive.nv = longest[1] > allowed_ ? raised(t.nv, longest[1], allowed_) : t.nv;
-    if (primitive.nu == t.nu && primitive.nv == t.nv) return;
+  const Tessellation t = tessellation(primitive);
+  if ((t.nu == 1 && t.nv == 1) || isTooMuch(t)) return;  // no edges inside to measure
+  Spacing u(t.nu, allowed_), v(t.nv, allowed_);
+  while (uint64_t(u.rate()) * v.rate() <= max_micropolygons_) {
+    const GridChords chords = gridChords(surface, primitive.corner, t.shape, u.parameters(), v.parameters());
+    const bool finer_u = u.refine(chords.u), finer_v = v.refine(chords.v);
+    if (!finer_u && !finer_v) break;
   }
+  primitive.nu = u.rate();
+  primitive.nv = v.rate();
+  if (!u.uniform() || !v.uniform()) primitive.lattice.reset(new Lattice{u.parameters(), v.parameters()});
 }
 
 void SubdivisionDicer::refineTriangle(Primitive& primitive, const LimitSurface& surface) const {
-  while (true) {
-    const Tessellation t = tessellation(primitive);
-    if (t.nu == 1 || t.micropolygons() > max_micropolygons_) return;
-    const double longest = maxOf(longestChords(surface, primitive.corner, t.shape, t.nu, t.nu));
-    primitive.nu = longest > allowed_ ? raised(t.nu, longest, allowed_) : t.nu;
-    if (primitive.nu == t.nu) return;
+  const Tessellation t = tessellation(primitive);
+  if (t.nu == 1 || isTooMuch(t)) return;
+  Spacing lattice(t.nu, allowed_);
+  while (uint64_t(lattice.rate()) * lattice.rate() / 2 <= max_micropolygons_) {
+    const Parameters& p = lattice.parameters();
+    const GridChords chords = gridChords(surface, primitive.corner, t.shape, p, p);
+    if (!lattice.refineUniformly(std::max({chords.u.most(), chords.v.most(), chords.across}))) break;
   }
+  primitive.nu = lattice.rate();
 }
 
 // Raises the rates inside until every chord of the lattices is short enough.
@@ -229,15 +192,21 @@ void SubdivisionDicer::refineGrids() {
   });
 }
 
+// More than the cap by itself, or than can be counted.
+bool SubdivisionDicer::isTooMuch(const Tessellation& t) const {
+  const uint32_t most = std::max({t.nu, t.nv, t.sides[0], t.sides[1], t.sides[2], t.sides[3]});
+  return most >= kMaxRate / 2 || t.micropolygons() > max_micropolygons_;
+}
+
 void SubdivisionDicer::count() {
-  constexpr uint64_t kSaturated = std::numeric_limits<int64_t>::max();
   micropolygons_ = 0;
   for (const Primitive& primitive : primitives_) {
     const Tessellation t = tessellation(primitive);
     micropolygons_ = std::min(micropolygons_ + t.micropolygons(), kSaturated);
-    if (t.nu >= kMaxRate || t.nv >= kMaxRate) micropolygons_ = kSaturated;
+    if (isTooMuch(t)) micropolygons_ = std::max(micropolygons_, max_micropolygons_ + 1);
   }
-  checkMicropolygonCap(mesh_, micropolygons_, edge_length_, max_micropolygons_);
+  if (micropolygons_ > max_micropolygons_)
+    throw tooManyMicropolygons(mesh_, std::to_string(micropolygons_), edge_length_, max_micropolygons_);
 }
 
 }  // namespace encore

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "core/dice/dice.h"
@@ -23,10 +24,14 @@ class SubdivisionDicer {
   DicedMesh dice() const;
 
  private:
+  struct Lattice {
+    Parameters u, v;
+  };
   struct Primitive {
     int32_t face = 0;
-    int32_t corner = 0;       // of a split face
-    uint32_t nu = 1, nv = 1;  // rates asked for inside
+    int32_t corner = 0;                // of a split face
+    uint32_t nu = 1, nv = 1;           // rates asked for inside
+    std::unique_ptr<Lattice> lattice;  // its lines, nu and nv segments; none: uniform
   };
   struct Emitter;
 
@@ -39,6 +44,7 @@ class SubdivisionDicer {
   void refineGrids();
   void refineQuad(Primitive& primitive, const LimitSurface& surface) const;
   void refineTriangle(Primitive& primitive, const LimitSurface& surface) const;
+  bool isTooMuch(const Tessellation& t) const;
   void count();
 
   const Mesh& mesh_;

@@ -34,6 +34,7 @@ struct SubdivisionDicer::Emitter {
   LimitSurface surface;
   std::vector<LimitPrimvar<Vec2f>::Evaluator> texcoords;
   std::vector<LimitPrimvar<Vec3f>::Evaluator> display_color;
+  TessellationLines lines;
   std::vector<ParamCoord> coords;
   std::vector<uint32_t> indices;
 
@@ -51,8 +52,9 @@ struct SubdivisionDicer::Emitter {
   void emit(uint32_t index, size_t first_vertex, size_t first_triangle) {
     const Primitive& primitive = dicer.primitives_[index];
     const Tessellation t = dicer.tessellation(primitive);
-    t.coordinates(coords);
-    t.triangles(indices);
+    findLines(primitive, t);
+    t.coordinates(lines, coords);
+    t.triangles(lines, indices);
     bool degenerate = false;
     for (size_t i = 0; i < coords.size(); ++i) {
       emitVertex(primitive.corner, coords[i], first_vertex + i);
@@ -62,6 +64,13 @@ struct SubdivisionDicer::Emitter {
     emitTriangles(index, first_vertex, first_triangle);
     if (degenerate) repairNormals(first_vertex, first_triangle);
     out.primitive_face[index] = uint32_t(primitive.face);
+  }
+
+  void findLines(const Primitive& primitive, const Tessellation& t) {
+    for (int s = 0; s < t.sideCount(); ++s)
+      dicer.shared_.parameters(dicer.shared_.side(primitive.face, primitive.corner, s), lines.sides[s]);
+    lines.u = primitive.lattice ? primitive.lattice->u : uniformParameters(t.nu);
+    lines.v = primitive.lattice ? primitive.lattice->v : uniformParameters(t.nv);
   }
 
   void emitVertex(int32_t corner, ParamCoord at, size_t vertex) {

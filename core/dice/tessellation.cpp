@@ -5,18 +5,18 @@
 namespace encore {
 namespace {
 
-// A row of vertices beside or on a side; vertex i lies at (i + offset) * spacing along the side.
-template <class Index>
+// A row of vertices on a side, or on the lattice's line beside it; vertex i lies at at(i) along the side.
+template <class Index, class At>
 struct Row {
-  Index index;
   uint32_t count;
-  double offset, spacing;
+  Index index;
+  At at;
 
   // Twice the position of the middle of segment i.
-  double middle(uint32_t i) const { return (2.0 * (i + offset) + 1.0) * spacing; }
+  double middle(uint32_t i) const { return at(i) + at(i + 1); }
 };
-template <class Index>
-Row(Index, uint32_t, double, double) -> Row<Index>;
+template <class Index, class At>
+Row(uint32_t, Index, At) -> Row<Index, At>;
 
 using Indices = std::vector<uint32_t>;
 
@@ -24,11 +24,12 @@ void emit(Indices& out, uint32_t a, uint32_t b, uint32_t c) { out.insert(out.end
 
 // Fills the strip between two rows that run the same way, inner on the left of outer. Each step advances
 // on the row whose next segment has its middle first; every order would be a valid triangulation.
+// Equal middles, up to rounding, go to the outer row, so that regular grids look alike on all sides.
 template <class Outer, class Inner>
-void zip(const Row<Outer>& outer, const Row<Inner>& inner, Indices& out) {
+void zip(const Outer& outer, const Inner& inner, Indices& out) {
   uint32_t i = 0, j = 0;
   while (i + 1 < outer.count || j + 1 < inner.count) {
-    if (j + 1 == inner.count || (i + 1 < outer.count && outer.middle(i) <= inner.middle(j))) {
+    if (j + 1 == inner.count || (i + 1 < outer.count && outer.middle(i) <= inner.middle(j) + 1e-12)) {
       emit(out, outer.index(i), outer.index(i + 1), inner.index(j));
       ++i;
     } else {
@@ -44,29 +45,43 @@ uint32_t sideFirst(const Tessellation& t, int side) {
   return first;
 }
 
-auto sideRow(const Tessellation& t, int side) {
+auto sideRow(const Tessellation& t, const TessellationLines& lines, int side) {
   const uint32_t first = sideFirst(t, side), ring = uint32_t(t.boundaryCount());
-  return Row([first, ring](uint32_t i) { return first + i == ring ? 0 : first + i; }, t.sides[side] + 1, 0.0,
-             1.0 / t.sides[side]);
+  const Parameters& at = lines.sides[side];
+  return Row(
+      t.sides[side] + 1, [first, ring](uint32_t i) { return first + i == ring ? 0 : first + i; },
+      [&at](uint32_t i) { return at[i]; });
 }
 
 // Without a lattice (one of the rates is 1), a quad is one strip between opposite sides.
-void quadStrip(const Tessellation& t, Indices& out) {
+void quadStrip(const Tessellation& t, const TessellationLines& lines, Indices& out) {
   const int outer = t.nv == 1 ? 0 : 3;  // side 3 runs down; side 1 lies on its left
-  const auto opposite = sideRow(t, outer == 0 ? 2 : 1);
-  const auto reversed = [&opposite](uint32_t i) { return opposite.index(opposite.count - 1 - i); };
-  zip(sideRow(t, outer), Row(reversed, opposite.count, 0.0, opposite.spacing), out);
+  const auto opposite = sideRow(t, lines, outer == 0 ? 2 : 1);
+  const uint32_t last = opposite.count - 1;
+  zip(sideRow(t, lines, outer),
+      Row(
+          opposite.count, [&](uint32_t i) { return opposite.index(last - i); },
+          [&](uint32_t i) { return 1 - opposite.at(last - i); }),
+      out);
 }
 
-void quadTriangles(const Tessellation& t, Indices& out) {
-  if (t.nu == 1 || t.nv == 1) return quadStrip(t, out);
+void quadTriangles(const Tessellation& t, const TessellationLines& lines, Indices& out) {
+  if (t.nu == 1 || t.nv == 1) return quadStrip(t, lines, out);
   const uint32_t base = uint32_t(t.boundaryCount()), columns = t.nu - 1, rows = t.nv - 1;
   const auto lattice = [base, columns](uint32_t i, uint32_t j) { return base + j * columns + i; };
-  const double u = 1.0 / t.nu, v = 1.0 / t.nv;
-  zip(sideRow(t, 0), Row([&](uint32_t k) { return lattice(k, 0); }, columns, 1.0, u), out);
-  zip(sideRow(t, 1), Row([&](uint32_t k) { return lattice(columns - 1, k); }, rows, 1.0, v), out);
-  zip(sideRow(t, 2), Row([&](uint32_t k) { return lattice(columns - 1 - k, rows - 1); }, columns, 1.0, u), out);
-  zip(sideRow(t, 3), Row([&](uint32_t k) { return lattice(0, rows - 1 - k); }, rows, 1.0, v), out);
+  const auto up = [](const Parameters& p) { return [&p](uint32_t k) { return p[k + 1]; }; };
+  const auto down = [](const Parameters& p) { return [&p](uint32_t k) { return 1 - p[p.size() - 2 - k]; }; };
+  const auto strip = [&](int side, uint32_t count, const auto& index, const auto& at) {
+    zip(sideRow(t, lines, side), Row(count, index, at), out);
+  };
+  strip(
+      0, columns, [&](uint32_t k) { return lattice(k, 0); }, up(lines.u));
+  strip(
+      1, rows, [&](uint32_t k) { return lattice(columns - 1, k); }, up(lines.v));
+  strip(
+      2, columns, [&](uint32_t k) { return lattice(columns - 1 - k, rows - 1); }, down(lines.u));
+  strip(
+      3, rows, [&](uint32_t k) { return lattice(0, rows - 1 - k); }, down(lines.v));
   for (uint32_t j = 0; j + 1 < rows; ++j)
     for (uint32_t i = 0; i + 1 < columns; ++i) {
       emit(out, lattice(i, j), lattice(i + 1, j), lattice(i + 1, j + 1));
@@ -93,7 +108,7 @@ void turnDiagonal(const Tessellation& t, int corner, size_t first, size_t last, 
   two[0] = a, two[1] = q, two[2] = b;
 }
 
-void triangleTriangles(const Tessellation& t, Indices& out) {
+void triangleTriangles(const Tessellation& t, const TessellationLines& lines, Indices& out) {
   const uint32_t base = uint32_t(t.boundaryCount()), m = t.nu;
   if (m == 1) return emit(out, 0, 1, 2);
   if (m == 2) {  // every side has rate 2 (fitTessellation)
@@ -101,13 +116,23 @@ void triangleTriangles(const Tessellation& t, Indices& out) {
     return;
   }
   const auto lattice = [base, m](uint32_t i, uint32_t j) { return base + triangleRank(m, i, j); };
-  const double spacing = 1.0 / m;
+  // The lattice's line beside a side starts and ends half a segment further in.
+  const auto at = [m](uint32_t k) { return (k + 1.5) / m; };
   std::array<size_t, 4> strip{};
-  zip(sideRow(t, 0), Row([&](uint32_t k) { return lattice(1 + k, 1); }, m - 2, 1.5, spacing), out);
+  zip(sideRow(t, lines, 0),
+      Row(
+          m - 2, [&](uint32_t k) { return lattice(1 + k, 1); }, at),
+      out);
   strip[1] = out.size();
-  zip(sideRow(t, 1), Row([&](uint32_t k) { return lattice(m - 2 - k, 1 + k); }, m - 2, 1.5, spacing), out);
+  zip(sideRow(t, lines, 1),
+      Row(
+          m - 2, [&](uint32_t k) { return lattice(m - 2 - k, 1 + k); }, at),
+      out);
   strip[2] = out.size();
-  zip(sideRow(t, 2), Row([&](uint32_t k) { return lattice(1, m - 2 - k); }, m - 2, 1.5, spacing), out);
+  zip(sideRow(t, lines, 2),
+      Row(
+          m - 2, [&](uint32_t k) { return lattice(1, m - 2 - k); }, at),
+      out);
   strip[3] = out.size();
   for (int corner = 0; corner < 3; ++corner)
     turnDiagonal(t, corner, strip[corner], strip[corner == 0 ? 3 : corner] - 3, out);
@@ -124,6 +149,9 @@ ParamCoord corner(DomainShape shape, int i) {
   return shape == DomainShape::Quad ? kQuad[i % 4] : kTriangle[i % 3];
 }
 
+// From corner coordinate a to b, both 0 or 1.
+double along(double a, double b, double t) { return a == b ? a : a < b ? t : 1 - t; }
+
 }  // namespace
 
 uint64_t Tessellation::boundaryCount() const {
@@ -138,30 +166,43 @@ uint64_t Tessellation::interiorCount() const {
 }
 
 uint64_t Tessellation::micropolygons() const {
-  return shape == DomainShape::Quad ? uint64_t(nu) * nv : triangleCount();
+  return shape == DomainShape::Quad ? (triangleCount() + 1) / 2 : triangleCount();
 }
 
-void Tessellation::coordinates(std::vector<ParamCoord>& coords) const {
+TessellationLines Tessellation::uniformLines() const {
+  TessellationLines lines;
+  for (int s = 0; s < sideCount(); ++s) lines.sides[s] = uniformParameters(sides[s]);
+  lines.u = uniformParameters(nu);
+  lines.v = uniformParameters(nv);
+  return lines;
+}
+
+void Tessellation::coordinates(const TessellationLines& lines, std::vector<ParamCoord>& coords) const {
   coords.clear();
   coords.reserve(vertexCount());
   for (int s = 0; s < sideCount(); ++s) {
     const ParamCoord a = corner(shape, s), b = corner(shape, s + 1);
     for (uint32_t i = 0; i < sides[s]; ++i) {
-      // Exact on the axes: one of the two terms is 0, or a coordinate is constant.
-      const double t = double(i) / sides[s], r = double(sides[s] - i) / sides[s];
-      const auto mix = [t, r](double x, double y) { return x == y ? x : x * r + y * t; };
-      coords.push_back({mix(a.u, b.u), mix(a.v, b.v)});
+      const double t = lines.sides[s][i];
+      coords.push_back({along(a.u, b.u, t), along(a.v, b.v, t)});
     }
   }
   const bool quad = shape == DomainShape::Quad;
-  for (uint32_t j = 1; j < (quad ? nv : nu); ++j)
-    for (uint32_t i = 1; i + (quad ? 0 : j) < nu; ++i) coords.push_back({double(i) / nu, double(j) / (quad ? nv : nu)});
+  const Parameters& v = quad ? lines.v : lines.u;
+  for (uint32_t j = 1; j + 1 < v.size(); ++j)
+    for (uint32_t i = 1; i + (quad ? 0 : j) < nu; ++i) coords.push_back({lines.u[i], v[j]});
 }
 
-void Tessellation::triangles(std::vector<uint32_t>& indices) const {
+void Tessellation::triangles(const TessellationLines& lines, std::vector<uint32_t>& indices) const {
   indices.clear();
   indices.reserve(3 * triangleCount());
-  shape == DomainShape::Quad ? quadTriangles(*this, indices) : triangleTriangles(*this, indices);
+  shape == DomainShape::Quad ? quadTriangles(*this, lines, indices) : triangleTriangles(*this, lines, indices);
+}
+
+Parameters uniformParameters(uint32_t segments) {
+  Parameters parameters(segments + 1);
+  for (uint32_t i = 0; i <= segments; ++i) parameters[i] = double(i) / segments;
+  return parameters;
 }
 
 Tessellation fitTessellation(DomainShape shape, std::array<uint32_t, 4> sides, uint32_t nu, uint32_t nv) {

@@ -28,6 +28,7 @@ bool carriesSomething(Vec3f throughput) { return isFinite(throughput) && maxComp
 // A path that ended on a light, on the background or nowhere.
 void endWithout(PathVertex& vertex, Vec3f radiance) {
   vertex.hit = {};
+  vertex.key = {kNoInstance, 0};
   vertex.throughput = vertex.throughput * radiance;
   if (!carriesSomething(vertex.throughput)) vertex.throughput = {};
   vertex.dpdx = vertex.dpdy = {};
@@ -110,7 +111,7 @@ class Wavefront {
   bool startPath(uint32_t i) {
     const FirstHit& first = first_[i];
     PathVertex& vertex = vertices_[i];
-    vertex = {first.hit, {1, 1, 1}, first.direction, {}, {}, first.pixel, first.sample};
+    vertex = {first.hit, {1, 1, 1}, first.direction, {}, {}, first.pixel, first.sample, {kNoInstance, 0}, {}};
     if (!first.active) return endWithout(vertex, {}), false;
     if (!camera_lights_.empty()) {
       const LightHit light = intersectLights(camera_lights_, first.origin, first.direction, first.hit.t);
@@ -208,7 +209,9 @@ class Wavefront {
     vertex.throughput *= 1 / chosen.probability;
     if (chosen.effect == Effect::Absorb) {
       vertex.throughput *= arrival.weights().absorption;
-      if (!carriesSomething(vertex.throughput)) endWithout(vertex, {});
+      if (!carriesSomething(vertex.throughput)) return endWithout(vertex, {});
+      vertex.key = arrival.point.key(vertex.hit.instance);
+      vertex.uv = arrival.point.uv;
       return;
     }
     const Departure departure = depart(arrival, chosen.effect, random);

@@ -65,6 +65,7 @@ void forEachField(S& s, const Visit& visit) {
   visit("filter", s.filter);
   visit("filter_radius_pixels", s.filter_radius_pixels);
   visit("target_edge_length_world", s.target_edge_length_world);
+  visit("edge_length_scale", s.edge_length_scale);
   visit("max_micropolygons", s.max_micropolygons);
   visit("light_samples", s.light_samples);
   visit("occlusion_samples", s.occlusion_samples);

@@ -94,7 +94,6 @@ size_t addInstances(Scene& scene, const std::string& path, uint32_t prototype, c
                     const OptionalArrayOf<int64_t>& ids, int32_t material) {
   const size_t count = matrices.shape(0), first = scene.instances.size();
   if (ids && ids->shape(0) != count) throw Error(ErrorKind::Internal, "there are not as many ids as matrices", path);
-  scene.instances.reserve(std::max(scene.instances.capacity(), first + count));
   for (size_t i = 0; i < count; ++i) {
     std::string name = ids ? path + "[" + std::to_string(ids->data()[i]) + "]" : path;
     scene.instances.push_back({std::move(name), prototype, toAffine(matrices.data() + i * 16), material});

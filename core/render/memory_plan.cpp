@@ -33,11 +33,10 @@ MemoryPlan planMemory(const Settings& settings, uint32_t layers, uint64_t budget
   const double rate = settings.method == Method::Reuse ? double(settings.shading_rate) : 0.0;
   const uint64_t seeds = uint64_t(std::ceil(double(tile_pixels) * rate)) + kBlockArea;
   const uint64_t per_seed = sizeof(FirstHit) + sizeof(PathVertex) + kPathStateBytes;
-  const uint64_t film_pixel = (sizeof(Vec3f) * (layers + 1) + 3 * sizeof(float)) * 2 + sizeof(float);
 
   MemoryPlan plan;
   plan.fixed_bytes = seeds * per_seed + layers * (seeds * kShadingSampleBytes + ReuseKernels::treeBytes(seeds)) +
-                     uint64_t(settings.width) * settings.height * film_pixel;
+                     Film::frameBytes(uint64_t(settings.width) * settings.height, layers);
   const uint64_t slots = uint64_t(kBlockArea) * settings.samples * settings.samples;
   const uint64_t per_slot = sizeof(FirstHit) + 2 * sizeof(PathVertex) + kPathStateBytes + kAaSampleBytes +
                             kFilmSampleBytes + layers * sizeof(Vec3f);

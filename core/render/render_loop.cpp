@@ -12,6 +12,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <limits>
 #include <optional>
 
 #include "core/dice/dice.h"
@@ -20,6 +21,7 @@
 #include "core/render/samples.h"
 #include "core/reuse/reuse.h"
 #include "core/scene/error.h"
+#include "core/shade/lights.h"
 #include "core/trace/trace_scene.h"
 
 namespace encore {
@@ -69,23 +71,16 @@ struct LayerShading {
   TreesPointer trees{nullptr, nullptr};
 };
 
+// Just short of infinity, where domes and distant lights would count.
+constexpr float kBeyondLights = std::numeric_limits<float>::max();
+
+// Share of a tile's progress that its shading rays count for: about half of the time where shading dominates.
+constexpr double kSeedShare = 0.5;
+
 uint64_t peakProcessBytes() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   return uint64_t(usage.ru_maxrss) * 1024;
-}
-
-// Where on the surface a path ended: what reuse compares.
-struct SurfaceSample {
-  SurfaceKey key{kNoInstance, 0};
-  Vec2f uv;
-  float footprint = 0;
-};
-SurfaceSample surfaceSample(const TraceScene& trace, const PathVertex& vertex) {
-  if (!vertex.hit.valid()) return {};
-  const SurfacePoint point = trace.surface(vertex.hit, vertex.direction);
-  return {point.key(vertex.hit.instance), point.uv,
-          trace.parametricFootprint(vertex.hit, point, vertex.dpdx, vertex.dpdy)};
 }
 
 class FrameRenderer {
@@ -142,7 +137,6 @@ class FrameRenderer {
   void reserveBatch(size_t slots) {
     aa_.key.reserve(device_, slots, "aa key");
     aa_.uv.reserve(device_, slots, "aa uv");
-    aa_.footprint.reserve(device_, slots, "aa footprint");
     aa_.throughput.reserve(device_, slots, "aa throughput");
     aa_.shade.reserve(device_, slots, "aa shade");
     film_samples_.position.reserve(device_, slots, "film position");
@@ -159,16 +153,19 @@ class FrameRenderer {
       StageTimer timer(statistics_.time_s["trace"]);
       traceFirstHits(*context_, *camera_, seeds.first, seeds.ends);
     }
-    for (size_t layer = 0; layer < layers_.size(); ++layer) shadeSeeds(layer, seeds);
+    for (size_t layer = 0; layer < layers_.size(); ++layer) {
+      shadeSeeds(layer, seeds);
+      reportTile(tile, kSeedShare * double(layer + 1) / double(layers_.size()));
+    }
     seeds = {};
 
     // Trace antialiasing rays and reuse shading (lines 8-18), in batches of whole blocks.
     for (size_t b = 0; b < tile.blocks.size(); b += plan_.blocks_per_batch) {
       const size_t count = std::min<size_t>(plan_.blocks_per_batch, tile.blocks.size() - b);
       renderBatch(std::span(tile.blocks).subspan(b, count));
-      finished_blocks_ += count;
-      report(double(finished_blocks_) / double(total_blocks_), "render");
+      reportTile(tile, kSeedShare + (1 - kSeedShare) * double(b + count) / double(tile.blocks.size()));
     }
+    finished_blocks_ += tile.blocks.size();
   }
 
   // Lines 5-7 of Listing 3: paths of one layer, their shading, and the trees over it.
@@ -212,18 +209,14 @@ class FrameRenderer {
     samples.count = uint32_t(count);
     samples.key.reserve(device_, count, "seed key");
     samples.uv.reserve(device_, count, "seed uv");
-    samples.footprint.reserve(device_, count, "seed footprint");
     shading.radiance.reserve(device_, count + aa_.key.size(), "radiance");
     tbb::parallel_for(size_t{0}, count, [&](size_t i) {
-      const SurfaceSample s = surfaceSample(*trace_, vertices[i]);
-      samples.key.host()[i] = s.key;
-      samples.uv.host()[i] = s.uv;
-      samples.footprint.host()[i] = s.footprint;
+      samples.key.host()[i] = vertices[i].key;
+      samples.uv.host()[i] = vertices[i].uv;
       shading.radiance.host()[i] = radiance[i];
     });
     samples.key.toDevice(0, count);
     samples.uv.toDevice(0, count);
-    samples.footprint.toDevice(0, count);
     shading.radiance.toDevice(0, count);
   }
 
@@ -248,11 +241,10 @@ class FrameRenderer {
     tbb::parallel_for(size_t{0}, count / per_pixel, [&](size_t pixel) {
       for (size_t i = pixel * per_pixel; i < (pixel + 1) * per_pixel; ++i) {
         const FirstHit& first = rays.first[i];
-        const bool background = settings_.dome_light_visible && first.active && !first.hit.valid();
-        film_samples_.coverage.host()[i] = first.hit.valid() || background ? 1.0f : 0.0f;
+        film_samples_.coverage.host()[i] = covers(first) ? 1.0f : 0.0f;
         Vec3f normal{};
         if (first.hit.valid()) {
-          const SurfacePoint point = trace_->surface(first.hit, first.direction);
+          const SurfacePoint point = trace_->surface(first.hit, first.direction, false);
           normal = point.side ? -point.ns : point.ns;
         }
         film_samples_.normal.host()[i] = normal;
@@ -266,6 +258,15 @@ class FrameRenderer {
     film_samples_.coverage.toDevice(0, count);
     film_samples_.normal.toDevice(0, count);
     film_->addShared(blocks, film_samples_);
+  }
+
+  // Alpha of a sample: surfaces, and lights where the camera may see them.
+  bool covers(const FirstHit& first) const {
+    if (!first.active || first.hit.valid()) return first.active;
+    if (settings_.dome_light_visible) return true;
+    if (!settings_.lights_visible) return false;
+    const LightHit light = intersectLights(scene_.lights, first.origin, first.direction, kBeyondLights);
+    return light.valid;
   }
 
   void renderLayer(size_t layer, std::span<const BlockOrigin> blocks, const BlockRays& rays) {
@@ -302,18 +303,16 @@ class FrameRenderer {
     tbb::parallel_for(tbb::blocked_range<size_t>(0, vertices.size(), 1024), [&](const auto& range) {
       uint64_t valid = 0;
       for (size_t i = range.begin(); i < range.end(); ++i) {
-        const SurfaceSample s = surfaceSample(*trace_, vertices[i]);
-        valid += s.key.instance != kNoInstance;
-        aa_.key.host()[i] = s.key;
-        aa_.uv.host()[i] = s.uv;
-        aa_.footprint.host()[i] = s.footprint;
-        aa_.throughput.host()[i] = vertices[i].throughput;
+        const PathVertex& vertex = vertices[i];
+        valid += vertex.hit.valid();
+        aa_.key.host()[i] = vertex.key;
+        aa_.uv.host()[i] = vertex.uv;
+        aa_.throughput.host()[i] = vertex.throughput;
       }
       on_surface += valid;
     });
     aa_.key.toDevice(0, vertices.size());
     aa_.uv.toDevice(0, vertices.size());
-    aa_.footprint.toDevice(0, vertices.size());
     aa_.throughput.toDevice(0, vertices.size());
     return on_surface;
   }
@@ -363,6 +362,14 @@ class FrameRenderer {
       s.time_s["film"] += layer.film_s;
     }
     if (s.non_finite_samples) s.warnings["samples that were not finite count as black"] = s.non_finite_samples;
+    const std::vector<uint32_t> untraceable = trace_->untraceable();
+    if (!untraceable.empty())
+      s.warnings["instances are too small to be traced and were left out, such as " +
+                 scene_.instances[untraceable.front()].path] = untraceable.size();
+  }
+
+  void reportTile(const ReuseTile& tile, double share) {
+    report((double(finished_blocks_) + share * double(tile.blocks.size())) / double(total_blocks_), "render");
   }
 
   void report(double done, const char* stage) {

@@ -50,7 +50,7 @@ struct SlabsArguments {  // of trees_slabs.comp
   uint32_t count;
 };
 struct ReorderArguments {  // of trees_reorder.comp
-  uint64_t points, order, tree_points, tree_ids;
+  uint64_t points, order, heads, primitives, tree_points, tree_ids;
   uint32_t count;
 };
 struct LeavesArguments {  // of trees_leaves.comp
@@ -190,8 +190,8 @@ void TreeBuilder::fillTrees(const Totals& totals, Trees& trees) {
   sort_.recordStart(commands, count, by_v_.address());
   sort_.recordBy(commands, count, {slab_of_.address(), 1, 0}, {0, uint32_t(std::bit_width(totals.slabs - 1))});
   commands.dispatch(reorder_kernel_, groups,
-                    ReorderArguments{points_.address(), sort_.values(), trees.points.address(), trees.ids.address(),
-                                     count});
+                    ReorderArguments{points_.address(), sort_.values(), heads_.address(), trees.primitives.address(),
+                                     trees.points.address(), trees.ids.address(), count});
   recordNodes(commands, totals, trees);
   table_.recordInsert(commands, trees.table, trees.primitives.address(), trees.primitive_count);
   commands.run();

@@ -18,6 +18,7 @@ struct Settings {
   FilterKind filter = FilterKind::BlackmanHarris;
   float filter_radius_pixels = 1.5f;
   float target_edge_length_world = 0;  // of meshes without their own; 0: from each mesh's size
+  float edge_length_scale = 1;         // of the lengths above, not of meshes' own lengths (--complexity)
   uint64_t max_micropolygons = 100'000'000;
   uint32_t light_samples = 16;       // rays per area light and shade
   uint32_t occlusion_samples = 64;   // rays per dome light and shade

@@ -36,6 +36,7 @@ void Settings::validate() const {
   requireRange("filter_radius_pixels", filter_radius_pixels, 0.5f, 8.0f);
   require(std::isfinite(target_edge_length_world) && target_edge_length_world >= 0, "target_edge_length_world",
           target_edge_length_world, "a finite length in world units, or 0 for the default");
+  requireRange("edge_length_scale", edge_length_scale, 1e-3f, 1e3f);
   requireRange("max_micropolygons", max_micropolygons, uint64_t{1}, uint64_t{10'000'000'000});
   requireRange("light_samples", light_samples, 1u, 65536u);
   requireRange("occlusion_samples", occlusion_samples, 1u, 65536u);

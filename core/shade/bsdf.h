@@ -11,6 +11,8 @@
 //   cancel, and what ends inside keeps the brightness that compositors expect.
 // - Layers below a rough interface get 1 minus its directional albedo at the view cosine
 //   (interface_albedo.h); below a smooth one this is exact Fresnel transmittance.
+// - Microfacets scatter once. Light that would meet them again is lost: nothing of smooth surfaces, for glass
+//   of roughness 0.3 up to 3 % and of 0.5 up to 17 % at 60 degrees. Diffuse layers get it back (see above).
 #pragma once
 
 #include "core/scene/material.h"

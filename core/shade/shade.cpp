@@ -40,13 +40,15 @@ struct Frame {
 class Points {
  public:
   Points(const PathVertex& vertex, RandomUse use, uint32_t index, uint32_t count, uint32_t seed)
-      : first_(vertex.sample * count), keys_(pcg4d(vertex.pixel, index, uint32_t(use), seed)) {}
-  Vec2f point(uint32_t i) const { return sobol2(first_ + i, keys_[0]); }
-  float third(uint32_t i) const { return sobol2(first_ + i, keys_[1]).x; }
+      : Points(vertex.sample * count, pcg4d(vertex.pixel, index, uint32_t(use), seed)) {}
+  Vec2f point(uint32_t i) const { return points_.point(first_ + i); }
+  float third(uint32_t i) const { return third_.point(first_ + i).x; }
 
  private:
+  Points(uint32_t first, const std::array<uint32_t, 4>& keys) : first_(first), points_(keys[0]), third_(keys[1]) {}
+
   uint32_t first_;
-  std::array<uint32_t, 4> keys_;
+  Sobol2 points_, third_;
 };
 
 Vec3f facingNormal(const SurfacePoint& point, Vec3f wo) {
@@ -68,6 +70,7 @@ class VertexShading {
         view_(makeView()),
         samplers_(samplers),
         rays_(rays) {
+    rays_.startVertex(point, index);
     samplers_.clear();
     for (const Light& light : frame.context.scene.lights) samplers_.emplace_back(light, point.position, normal_);
   }
@@ -96,8 +99,8 @@ class VertexShading {
 
   void addDelta(const Light& light) {
     const ShadedResponse response = view_.evaluate(-light.direction, true);
-    rays_.add(point_, -light.direction, std::numeric_limits<float>::infinity(),
-              (response.diffuse * light.diffuse + response.specular * light.specular) * light.radiance, index_);
+    rays_.add(-light.direction, std::numeric_limits<float>::infinity(),
+              (response.diffuse * light.diffuse + response.specular * light.specular) * light.radiance);
   }
 
   // Balance heuristic: a specular contribution is divided by the density of all samples that could make it.
@@ -122,7 +125,7 @@ class VertexShading {
       if (response.specular != Vec3f{})
         factor += response.specular *
                   (light.specular / specularDensity(light, sample.pdf, view_.pdfRoughLobe(sample.direction)));
-      rays_.add(point_, sample.direction, sample.distance, factor * sample.radiance, index_);
+      rays_.add(sample.direction, sample.distance, factor * sample.radiance);
     }
   }
 
@@ -151,10 +154,10 @@ class VertexShading {
       if (std::isinf(distance)) {
         infinite += contribution;
       } else {
-        rays_.add(point_, direction, distance, contribution, index_);
+        rays_.add(direction, distance, contribution);
       }
     }
-    rays_.add(point_, direction, std::numeric_limits<float>::infinity(), infinite, index_);
+    rays_.add(direction, std::numeric_limits<float>::infinity(), infinite);
   }
 
   const Frame& frame_;

@@ -22,6 +22,8 @@ struct PathVertex {
   Vec3f dpdx, dpdy;    // footprint of the pixel on the surface, world space
   uint32_t pixel = 0;  // random number key: y * image width + x, or the seed's own
   uint32_t sample = 0;
+  SurfaceKey key{kNoInstance, 0};  // what shading may be reused within
+  Vec2f uv;                        // within the primitive
 };
 
 struct ShadeContext {

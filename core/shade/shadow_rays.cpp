@@ -10,13 +10,18 @@ constexpr float kShortOfLight = 1 - 1e-4f;
 
 }  // namespace
 
-void ShadowRays::add(const SurfacePoint& point, Vec3f direction, float distance, Vec3f contribution, uint32_t vertex) {
-  const float up = dot(point.ng, direction);
-  if (!(point.side == 0 ? up > 0 : up < 0)) return;
+void ShadowRays::startVertex(const SurfacePoint& point, uint32_t vertex) {
+  outward_ = point.side == 0 ? point.ng : -point.ng;
+  origin_ = point.offsetOrigin(outward_);
+  vertex_ = vertex;
+}
+
+void ShadowRays::add(Vec3f direction, float distance, Vec3f contribution) {
+  if (!(dot(outward_, direction) > 0)) return;
   if (contribution == Vec3f{} || !isFinite(contribution)) return;
-  rays_.push_back({point.offsetOrigin(direction), 0, direction, distance * kShortOfLight});
+  rays_.push_back({origin_, 0, direction, distance * kShortOfLight});
   contributions_.push_back(contribution);
-  vertices_.push_back(vertex);
+  vertices_.push_back(vertex_);
   if (rays_.size() == kChunkRays) trace();
 }
 

@@ -11,12 +11,14 @@ namespace encore {
 
 class ShadowRays {
  public:
-  // radiance: what add() refers to by index.
+  // radiance: what startVertex() refers to by index.
   ShadowRays(const TraceScene& trace, std::span<Vec3f> radiance) : trace_(trace), radiance_(radiance) {}
 
+  // The rays that follow leave this point, on the side that it was seen from, and count for radiance[vertex].
+  void startVertex(const SurfacePoint& point, uint32_t vertex);
   // radiance[vertex] += contribution, unless something lies between point and point + direction * distance.
   // Light that comes from below the surface, carries nothing or is not finite is dropped without a ray.
-  void add(const SurfacePoint& point, Vec3f direction, float distance, Vec3f contribution, uint32_t vertex);
+  void add(Vec3f direction, float distance, Vec3f contribution);
   // Ends the block: traces what is left. Packets never span blocks.
   void endBlock();
   uint64_t traced() const { return traced_; }
@@ -26,6 +28,8 @@ class ShadowRays {
 
   const TraceScene& trace_;
   std::span<Vec3f> radiance_;
+  Vec3f outward_, origin_;
+  uint32_t vertex_ = 0;
   std::vector<Ray> rays_;
   std::vector<Vec3f> contributions_;
   std::vector<uint32_t> vertices_;

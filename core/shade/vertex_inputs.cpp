@@ -67,7 +67,7 @@ void VertexInputs::gather(std::span<const PathVertex> vertices, Varying<Value>& 
 }
 
 PatternPoint VertexInputs::patternPoint(const PathVertex& vertex) const {
-  const SurfacePoint point = context_.trace.surface(vertex.hit, vertex.direction);
+  const SurfacePoint point = context_.trace.surface(vertex.hit, vertex.direction, false);
   const std::string& name = context_.patterns.texcoordName(point.material);
   const int32_t slot = name.empty() ? -1 : context_.trace.texcoordSlot(vertex.hit, name);
   const TexcoordPoint st = context_.trace.texcoord(vertex.hit, point, slot, vertex.dpdx, vertex.dpdy);

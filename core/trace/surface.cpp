@@ -154,10 +154,15 @@ SurfacePoint TraceScene::surface(const Hit& hit, Vec3f direction, bool with_erro
   return point;
 }
 
+// Of the triangle's size: far below the rounding of any point that has one, far above denormal numbers.
+constexpr float kLeastOffset = 0x1p-46f;
+
 // Pharr et al., PBR 4th ed., §6.8.6: far enough along ng that the box of the error is left behind, then one
 // representable number further on every axis.
 Vec3f SurfacePoint::offsetOrigin(Vec3f direction) const {
-  const float distance = dot(absolute(ng), position_error);
+  // A plane through the origin can have no rounding error at all; a denormal step would be flushed to zero.
+  const float distance = std::max(dot(absolute(ng), position_error),
+                                  kLeastOffset * std::max(maxComponent(absolute(e1)), maxComponent(absolute(e2))));
   const Vec3f offset = ng * (dot(ng, direction) < 0 ? -distance : distance);
   Vec3f origin = position + offset;
   for (int axis = 0; axis < 3; ++axis)

@@ -152,7 +152,7 @@ def _add_stage_flags(parser: argparse.ArgumentParser) -> None:
         "-c",
         choices=("low", "medium", "high", "veryhigh"),
         default="low",
-        help="refinement: each level above low halves --targetEdgeLength, which must be given (default: low)",
+        help="refinement: each level above low halves the edges of micropolygons (default: low)",
     )
     group.add_argument(
         "--strict",

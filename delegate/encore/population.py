@@ -117,6 +117,7 @@ class Population:
         self._open: list[Any] = []  # keys of groups that are being walked
         self._signatures: dict[int, tuple[list[UsdGeom.Primvar], tuple[object, ...]]] = {}
         self.groups: list[Group] = []
+        self.depth = 0  # of the deepest prim below the root
 
     def populate(self) -> Group:
         """The root group. All groups are then in `groups`, in the order in which they were met."""
@@ -143,6 +144,7 @@ class Population:
         kind = self._kind(prim)
         if kind is _Kind.SKIP or self._is_invisible(prim):
             return None
+        self.depth = max(self.depth, prim.GetPath().pathElementCount)
         matrix = inherited.matrix
         if not inherited.is_own:
             local, resets = self._xforms.GetLocalTransformation(prim)
@@ -173,7 +175,8 @@ class Population:
         imageable = UsdGeom.Imageable(prim)
         if imageable:
             purpose = imageable.ComputePurposeInfo(purpose) if purpose else imageable.ComputePurposeInfo()
-        primvars = UsdGeom.PrimvarsAPI(prim).FindIncrementallyInheritablePrimvars(primvars) or primvars
+        if prim.GetAllChildrenNames() or prim.IsInstance():
+            primvars = UsdGeom.PrimvarsAPI(prim).FindIncrementallyInheritablePrimvars(primvars) or primvars
         bindings, collections = inherited.bindings, inherited.collections
         if prim.HasAPI(UsdShade.MaterialBindingAPI):
             bindings = _merge_bindings(prim, bindings)

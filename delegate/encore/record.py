@@ -12,11 +12,11 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any
 
-from pxr import Ar, Sdf, Tf, Usd, UsdGeom
+from pxr import Ar, Sdf, Tf, Usd, UsdGeom, UsdUtils
 
 from encore import __version__, stats
 from encore.color import ColorOptions, DisplayTransform, display_transform
-from encore.errors import Cancelled, EncoreError, SettingError, StageError, UsageError
+from encore.errors import Cancelled, EncoreError, StageError, UsageError
 from encore.frames import Frame, parse_frame_specs, plan
 from encore.output import check_format, check_writable, write_image
 from encore.progress import Progress
@@ -81,10 +81,39 @@ class StopSignals:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
+class UsdDiagnostics:
+    """While active, what USD says of the stage is kept; at the end one line per kind of it is printed.
+
+    Composition errors are left out: the translation reports them with their prims.
+    """
+
+    def __init__(self, verbosity: int, progress: Progress) -> None:
+        self._verbosity = verbosity
+        self._progress = progress
+        self._delegate: Any = None
+
+    def __enter__(self) -> UsdDiagnostics:
+        if self._verbosity < VERBOSE:
+            self._delegate = UsdUtils.CoalescingDiagnosticDelegate()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._delegate is None:
+            return
+        for item in self._delegate.TakeCoalescedDiagnostics():
+            if self._verbosity == QUIET or item.sharedItem.sourceFunction == "_ReportErrors":
+                continue
+            first, count = item.unsharedItems[0].commentary, len(item.unsharedItems)
+            self._progress.message(f"Warning: USD: {first.strip()}{f' ({count} times)' if count > 1 else ''}")
+        self._delegate = None
+
+
 def record(options: RecordOptions, progress: Progress) -> None:
     """Renders every frame and writes it; stops at the first that fails. Throws EncoreError."""
     try:
-        with StopSignals() as signals:
+        with StopSignals() as signals, UsdDiagnostics(options.verbosity, progress):
             _record(options, progress, signals)
     except EncoreError as error:
         progress.fail(str(error))
@@ -94,7 +123,7 @@ def record(options: RecordOptions, progress: Progress) -> None:
 
 
 def _record(options: RecordOptions, progress: Progress, signals: StopSignals) -> None:
-    settings = edge_length_for(options.complexity, resolve(options.settings))
+    settings = refined(options.complexity, resolve(options.settings))
     transform = display_transform(options.color)
     check_format(options.output)
     started = time.perf_counter()
@@ -167,7 +196,7 @@ def dump_text(options: RecordOptions) -> str:
     """The translated scene of the first frame as text, for `encore dump`. Throws EncoreError."""
     from encore.dump import dump
 
-    settings = edge_length_for(options.complexity, resolve(options.settings))
+    settings = refined(options.complexity, resolve(options.settings))
     stage = open_stage(options)
     time_code = Usd.TimeCode(stage.GetStartTimeCode())
     if options.default_time:
@@ -238,19 +267,10 @@ def sync_options(options: RecordOptions, settings: Mapping[str, Any]) -> dict[st
     }
 
 
-def edge_length_for(complexity: str, settings: dict[str, Any]) -> dict[str, Any]:
-    """The settings with the target edge length halved once per level of complexity above low."""
-    level = COMPLEXITIES[complexity]
-    if level and not settings["target_edge_length_world"]:
-        raise UsageError(
-            f"'{complexity}' refines --targetEdgeLength, and there is none",
-            "--complexity",
-            "Add --targetEdgeLength, which it halves once (medium), twice (high) or three times (veryhigh)",
-        )
-    length = settings["target_edge_length_world"] / 2**level
-    if level and not length > 0:
-        raise SettingError(f"{length} is too small", "--targetEdgeLength")
-    return settings | {"target_edge_length_world": length}
+def refined(complexity: str, settings: dict[str, Any]) -> dict[str, Any]:
+    """The settings with edges halved once per level of complexity above low. Throws SettingError."""
+    scale = settings["edge_length_scale"] / 2 ** COMPLEXITIES[complexity]
+    return resolve(settings | {"edge_length_scale": scale})
 
 
 def _say_what_is_ignored(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pxr import Sdf, UsdShade
+from pxr import Gf, Sdf, UsdShade
 
 from encore import _core
 from encore.adapters.camera import CameraData
@@ -70,9 +70,9 @@ class RenderDelegate:
             return self.default_material
         if not color.is_constant:
             return self._add_material("displayColor", display_color_material())
-        values = color.values[color.indices[0] if color.indices is not None else 0]
-        red, green, blue = (float(v) for v in values)
-        return self._add_material((red, green, blue), color_material((red, green, blue)))
+        red, green, blue = color.values[color.indices[0] if color.indices is not None else 0].tolist()
+        known = self._materials.get((red, green, blue))
+        return known or self._add_material((red, green, blue), color_material((red, green, blue)))
 
     def _add_material(self, key: Any, data: MaterialData) -> BoundMaterial:
         bound = self._materials.get(key)
@@ -115,6 +115,21 @@ class RenderDelegate:
             message = str(error).removeprefix(f"{data.path}.")
             self._context.reports.error("bad mesh", f"is not rendered: {message}", Sdf.Path(data.path))
             return None
+
+    def bounds(self) -> Gf.Range3d:
+        """World bounds of all instances: of their meshes' boxes."""
+        scene = self.scene
+        boxes = []
+        for i in range(scene.prototype_count):
+            points = [scene.mesh(m)["points"] for m in scene.prototype(i)["meshes"]]
+            low, high = np.concatenate(points).min(axis=0), np.concatenate(points).max(axis=0)
+            boxes.append(Gf.Range3d(Gf.Vec3d(*low.tolist()), Gf.Vec3d(*high.tolist())))
+        bounds = Gf.Range3d()
+        for i in range(scene.instance_count):
+            placed = scene.instance(i)
+            matrix = Gf.Matrix4d(placed["to_world"].tolist())
+            bounds.UnionWith(Gf.BBox3d(boxes[placed["prototype"]], matrix).ComputeAlignedRange())
+        return bounds
 
     def add_prototype(self, path: str, meshes: Iterable[int]) -> int:
         return int(self.scene.add_prototype(path, list(meshes)))

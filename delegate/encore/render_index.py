@@ -10,7 +10,14 @@ import numpy as np
 import numpy.typing as npt
 from pxr import Sdf, Usd
 
-from encore.adapters.camera import CameraData, choose_camera, frame_stage, image_size, read_camera
+from encore.adapters.camera import (
+    CameraData,
+    choose_camera,
+    frame_stage,
+    image_size,
+    read_camera,
+    stage_bounds,
+)
 from encore.adapters.context import SyncContext
 from encore.adapters.instancer import Matrices, regular_matrices, report_singular
 from encore.adapters.light import camera_light, read_light
@@ -245,7 +252,9 @@ class _Sync:
     def _camera(self) -> CameraData:
         prim = choose_camera(self._stage, self._options.camera, self._context)
         if prim is None:
-            return frame_stage(self._stage, self._options.purposes, self._context)
+            depth = self._population.depth
+            bounds = stage_bounds(self._stage, depth, self._options.purposes, self._context)
+            return frame_stage(bounds or self._delegate.bounds(), self._stage)
         return read_camera(prim, self._population.world_matrix(prim), self._context)
 
     def _sync_lights(self, camera: CameraData) -> None:

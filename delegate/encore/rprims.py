@@ -61,19 +61,17 @@ class RprimReader:
         reads_color = any(m.data.reads_color for m in materials)
         # Its own colour is needed where it has no material.
         colored = own is None and (None in overrides or not overrides)
-        primvars = {
-            str(p.GetPrimvarName()): p
-            for p in UsdGeom.PrimvarsAPI(prim).FindPrimvarsWithInheritance(rprim.inherited)
-        }
+        found = UsdGeom.PrimvarsAPI(prim).FindPrimvarsWithInheritance(rprim.inherited)
+        primvars = {str(p.GetPrimvarName()): p for p in found}
         self._report_unsupported(rprim, primvars, colored)
         if prim.IsA(UsdGeom.Mesh):
             matrix, key = rprim.matrix, None
             data = read_mesh(UsdGeom.Mesh(prim), primvars, texcoords, colored or reads_color, self._context)
         else:
-            found = self._read_implicit(rprim, primvars, texcoords, colored or reads_color)
-            if found is None:
+            shape = self._read_implicit(rprim, primvars, texcoords, colored or reads_color)
+            if shape is None:
                 return None
-            data, matrix, key = found
+            data, matrix, key = shape
         if data is None:
             return None
         material = own or (
@@ -82,7 +80,7 @@ class RprimReader:
             else self._delegate.default_material
         )
         if not (reads_color or material.data.reads_color):
-            data = replace(data, display_color=None)
+            data.display_color = None
         elif data.display_color is not None:
             key = None
         return self._with_subsets(SyncedRprim(data, matrix, material, share_key=key), subsets)
@@ -146,6 +144,8 @@ class RprimReader:
         self, synced: SyncedRprim, subsets: Mapping[Sdf.Path, BoundMaterial]
     ) -> SyncedRprim | None:
         """Gives subsets their materials and takes away the faces whose material cuts them out."""
+        if not subsets:
+            return None if synced.material.data.cut_out else synced
         faces = synced.data.face_count
         cut = np.full(faces, synced.material.data.cut_out)
         face_materials = np.full(faces, -1, np.int32)
@@ -154,11 +154,9 @@ class RprimReader:
             face_materials[indices] = material.index
             cut[indices] = material.data.cut_out
         data = synced.data
-        if not subsets:
-            return None if cut.all() else synced
+        if cut.all():
+            return None
         if cut.any():
-            if cut.all():
-                return None
             data = data.without(cut)
             if data.face_count < faces:
                 face_materials = face_materials[~cut]

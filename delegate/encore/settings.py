@@ -293,6 +293,17 @@ GROUPS: dict[str, tuple[Setting, ...]] = {
             metavar="X",
         ),
         Setting(
+            "edge_length_scale",
+            ("--edgeLengthScale",),
+            "float",
+            1.0,
+            "Factor on the edge length of meshes without `primvars:encore:targetEdgeLength`. Every level of "
+            "`--complexity` above low halves it.",
+            minimum=1e-3,
+            maximum=1e3,
+            metavar="X",
+        ),
+        Setting(
             "max_micropolygons",
             ("--maxMicropolygons",),
             "int",

@@ -1,24 +1,17 @@
-// The nearest shading sample of the same primitive for each antialiasing sample (§2.2), exactly: the lowest id
-// of several equally near. One walk of the tree per sample, without a stack: nodes are numbered as in a heap,
-// and `trail` holds for each level whether its far child has been entered.
+// The nearest shading sample of the same primitive for each antialiasing sample (§2.2), exactly: one walk of the
+// tree per sample. There is no stack: nodes are numbered as in a heap, and `trail` holds for each level
+// whether the far child has been entered.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "trees.glsl"
 #include "key_table.glsl"
-
-// Two floats in one load: on CPU devices a load by address costs the same for 32 and 64 bits.
-layout(buffer_reference, scalar, buffer_reference_align = 8) buffer FloatPairs {
-  uint64_t at[];
-};
-layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Floats {
-  float at[];
-};
+#include "nearest_neighbour.glsl"
 
 layout(push_constant, scalar) uniform Arguments {
   Primitives primitives;
   Words slots;
-  FloatPairs boxes;  // two per node: low, high
+  Floats boxes;  // four per node: low u, low v, high u, high v
   Words lowest_ids;
   FloatPairs tree_points;
   Words tree_ids;
@@ -27,87 +20,68 @@ layout(push_constant, scalar) uniform Arguments {
   Words shade;
   uint count;
   uint capacity;
+  uint only_pending;  // 1: only samples whose shade is kShadePending
 };
 
-// Found so far; id is kNotAnId until the first leaf.
 struct Nearest {
   float squared;
   uint id;
 };
 
-const uint kNotAnId = 0xffffffffu;
-
-vec2 pairAt(FloatPairs pairs, uint i) { return uintBitsToFloat(unpackUint2x32(pairs.at[i])); }
-
-float squaredDistance(vec2 a, vec2 b) {
-  precise const vec2 d = a - b;
-  precise const float squared = d.x * d.x + d.y * d.y;
-  return squared;
+// A leaf's samples stand in order of their ids, so that the first of several equally near has the lowest id.
+Nearest searchLeaf(uint first, uint end, vec2 q) {
+  float best = kFar;
+  uint best_at = first;
+  for (uint k = first; k < end; ++k) {
+    const float squared = squaredDistance(q, pairAt(tree_points, k));
+    if (squared < best) {
+      best = squared;
+      best_at = k;
+    }
+  }
+  return Nearest(best, tree_ids.at[best_at]);
 }
 
-// Never above squaredDistance() to any point in the box, since every operation rounds monotonically.
-float squaredDistanceToBox(vec2 q, uint node) {
-  const vec2 low = pairAt(boxes, 2 * node);
-  const vec2 high = pairAt(boxes, 2 * node + 1);
-  precise const vec2 d = max(max(low - q, q - high), 0.0);
-  precise const float squared = d.x * d.x + d.y * d.y;
-  return squared;
-}
-
-// squaredDistanceToBox() in one coordinate, across the border to the node's sibling: one load.
-float squaredDistanceToBorder(float q, uint node, uint axis, bool right) {
-  const float border = Floats(uint64_t(boxes)).at[4 * node + axis + (right ? 0 : 2)];
-  precise const float d = max(right ? border - q : q - border, 0.0);
+// Squared distance to the sibling's near border in the coordinate that separates them: a bound for one load.
+float squaredDistanceToBorder(float q, uint sibling, uint axis, bool is_right) {
+  const float border = boxes.at[4 * sibling + axis + (is_right ? 0 : 2)];
+  precise const float d = max(is_right ? border - q : q - border, 0.0);
   precise const float squared = d * d;
   return squared;
 }
 
-// Ids are read once per leaf, or once more where distances tie.
-Nearest searchLeaf(uint first, uint end, vec2 q, Nearest nearest) {
-  float best = nearest.squared;
-  uint best_at = end;
-  bool tie = false;
-  for (uint k = first; k < end; ++k) {
-    const float squared = squaredDistance(q, pairAt(tree_points, k));
-    const bool better = squared < best;
-    tie = !better && (tie || squared == best);
-    best = better ? squared : best;
-    best_at = better ? k : best_at;
-  }
-  uint id = best < nearest.squared ? kNotAnId : nearest.id;
-  if (best_at < end) id = tree_ids.at[best_at];
-  for (uint k = first; tie && k < end; ++k) {
-    if (squaredDistance(q, pairAt(tree_points, k)) == best) id = min(id, tree_ids.at[k]);
-  }
-  return Nearest(best, id);
+float squaredDistanceToNode(vec2 q, uint node) {
+  FloatPairs corners = FloatPairs(uint64_t(boxes));
+  return squaredDistanceOfBoxes(q, q, pairAt(corners, 2 * node), pairAt(corners, 2 * node + 1));
 }
 
 uint findNearest(TreePrimitive p, vec2 q) {
   const uint depth = depthOf(p);
   const uint u_levels = uLevelsOf(p);
-  Nearest nearest = Nearest(uintBitsToFloat(0x7f800000u), kNotAnId);  // infinitely far
+  Nearest nearest = Nearest(kFar, 0);
   uint node = 1;
   uint level = 0;
   uint trail = 0;
-  bool tie = false;  // only an equally near sample of a lower id can be below
+  bool tie = false;  // below can only be a sample as near, of a lower id
   for (;;) {
     // Down to a leaf: to the lowest id, or to where q would be.
     while (tie && level < depth) {
-      node = 2 * node;
+      node *= 2;
       if (lowest_ids.at[p.first_node + node + 1] < lowest_ids.at[p.first_node + node]) ++node;
       ++level;
     }
     while (level < depth) {
       const bool in_u = level < u_levels;
       const uint right = 2 * node + 1;
-      const float split = Floats(uint64_t(boxes)).at[4 * (p.first_node + right) + (in_u ? 0 : 1)];
+      const float split = boxes.at[4 * (p.first_node + right) + (in_u ? 0 : 1)];
       node = (in_u ? q.x : q.y) >= split ? right : right - 1;
       ++level;
     }
     const uint leaf = node - (1u << depth);
-    nearest = searchLeaf(p.first + firstRank(p.count, leaf, depth), p.first + firstRank(p.count, leaf + 1, depth), q,
-                         nearest);
-    // Up to the first sibling that can hold something nearer, or as near with a lower id.
+    const Nearest here =
+        searchLeaf(p.first + firstRank(p.count, leaf, depth), p.first + firstRank(p.count, leaf + 1, depth), q);
+    if (here.squared < nearest.squared || (here.squared == nearest.squared && here.id < nearest.id)) nearest = here;
+    // Up to the first sibling that may hold something nearer, or as near and of a lower id.
     bool enter = false;
     while (level > 0 && !enter) {
       const uint bit = 1u << level;
@@ -115,7 +89,7 @@ uint findNearest(TreePrimitive p, vec2 q) {
       const bool in_u = level <= u_levels;
       if ((trail & bit) == 0 && squaredDistanceToBorder(in_u ? q.x : q.y, sibling, in_u ? 0 : 1, (node & 1) == 0) <=
                                     nearest.squared) {
-        const float bound = squaredDistanceToBox(q, sibling);
+        const float bound = squaredDistanceToNode(q, sibling);
         tie = bound == nearest.squared;
         enter = bound < nearest.squared || (tie && lowest_ids.at[sibling] < nearest.id);
       }
@@ -135,6 +109,7 @@ uint findNearest(TreePrimitive p, vec2 q) {
 void main() {
   const uint slot = invocation();
   if (slot >= count) return;
+  if (only_pending != 0 && shade.at[slot] != kShadePending) return;
   const SurfaceKey key = keys.at[slot];
   uint found = kShadeNone;
   if (key.instance != kNoInstance) {

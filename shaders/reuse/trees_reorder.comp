@@ -1,4 +1,4 @@
-// Stores the samples in the order of the leaves.
+// Stores the samples in the order of the leaves, and within a leaf in order of their ids.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
@@ -7,6 +7,8 @@
 layout(push_constant, scalar) uniform Arguments {
   Points points;
   Words order;
+  Words heads;  // as in trees_primitives
+  Primitives primitives;
   Points tree_points;
   Words tree_ids;
   uint count;
@@ -15,7 +17,14 @@ layout(push_constant, scalar) uniform Arguments {
 void main() {
   const uint i = invocation();
   if (i >= count) return;
+  const TreePrimitive p = primitives.at[heads.at[i + 1] - 1];
+  const uint depth = depthOf(p);
+  const uint leaf = nodeOfRank(p.count, i - p.first, depth);
+  const uint first = p.first + firstRank(p.count, leaf, depth);
+  const uint end = p.first + firstRank(p.count, leaf + 1, depth);
   const uint id = order.at[i];
-  tree_points.at[i] = points.at[id];
-  tree_ids.at[i] = id;
+  uint place = first;
+  for (uint k = first; k < end; ++k) place += order.at[k] < id ? 1 : 0;
+  tree_points.at[place] = points.at[id];
+  tree_ids.at[place] = id;
 }

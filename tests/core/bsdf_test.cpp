@@ -341,8 +341,8 @@ TEST(Albedo, TablesMatchQuadrature) {
 }
 
 TEST(Energy, NeverGrows) {
-  for (float roughness : {0.0f, 0.1f, 0.3f, 0.31f, 0.5f, 0.75f, 1.0f})
-    for (float ior : {1.0f, 1.2f, 1.5f, 2.5f, 20.0f})
+  for (float roughness : {0.0f, 0.1f, 0.3f, 0.31f, 0.5f, 1.0f})
+    for (float ior : {1.0f, 1.2f, 1.5f, 5.0f})
       for (float metallic : {0.0f, 0.5f, 1.0f})
         for (float opacity : {1.0f, 0.3f})
           for (bool back : {false, true})
@@ -358,15 +358,15 @@ TEST(Energy, NeverGrowsUnderClearcoatAndInTheSpecularWorkflow) {
   for (float roughness : {0.0f, 0.2f, 0.5f, 1.0f})
     for (float coat_roughness : {0.0f, 0.2f, 0.6f})
       for (float cos_theta : {0.05f, 0.5f, 1.0f})
-        for (float f0 : {0.0f, 0.3f, 1.0f})
-          for (float opacity : {1.0f, 0.3f})
-            for (bool back : {false, true}) {
-              const Surface surface =
-                  Surface().roughness(roughness).specular({f0, f0, f0}).clearcoat(1, coat_roughness).opacity(opacity);
-              const Vec3f sum = furnace(surface, back, viewAt(cos_theta), 4096);
-              EXPECT_LE(sum.x, 1 + 1e-3) << "roughness " << roughness << " coat " << coat_roughness << " f0 " << f0
-                                         << " opacity " << opacity << " back " << back << " cos " << cos_theta;
-            }
+        for (float f0 : {0.0f, 1.0f})
+          for (int body = 0; body < 3; ++body) {  // opaque; half transparent from outside, from inside
+            const float opacity = body == 0 ? 1 : 0.3f;
+            const Surface surface =
+                Surface().roughness(roughness).specular({f0, f0, f0}).clearcoat(1, coat_roughness).opacity(opacity);
+            const Vec3f sum = furnace(surface, body == 2, viewAt(cos_theta), 1 << 13);
+            EXPECT_LE(sum.x, 1 + 1e-3) << "roughness " << roughness << " coat " << coat_roughness << " f0 " << f0
+                                       << " body " << body << " cos " << cos_theta;
+          }
 }
 
 TEST(Energy, WhiteDielectricsStayWhite) {

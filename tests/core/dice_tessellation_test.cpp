@@ -1,6 +1,7 @@
 // Triangulations of primitives: they cover the domain once, and meet their neighbours.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <random>
@@ -16,12 +17,13 @@ struct Pattern {
   std::vector<uint32_t> triangles;
 };
 
-Pattern build(const Tessellation& t) {
+Pattern build(const Tessellation& t, const TessellationLines& lines) {
   Pattern pattern;
-  t.coordinates(pattern.coords);
-  t.triangles(pattern.triangles);
+  t.coordinates(lines, pattern.coords);
+  t.triangles(lines, pattern.triangles);
   return pattern;
 }
+Pattern build(const Tessellation& t) { return build(t, t.uniformLines()); }
 
 double area(const Pattern& p, size_t triangle) {
   const ParamCoord a = p.coords[p.triangles[3 * triangle]], b = p.coords[p.triangles[3 * triangle + 1]],
@@ -31,8 +33,8 @@ double area(const Pattern& p, size_t triangle) {
 
 // Counterclockwise triangles of positive area that sum up to the domain's, every inner edge used once in
 // each direction, every outer edge the next step of the boundary: then they cover it exactly once.
-void expectCover(const Tessellation& t) {
-  const Pattern p = build(t);
+void expectCover(const Tessellation& t, const TessellationLines& lines) {
+  const Pattern p = build(t, lines);
   ASSERT_EQ(p.coords.size(), t.vertexCount());
   ASSERT_EQ(p.triangles.size(), 3 * t.triangleCount());
   double sum = 0;
@@ -56,6 +58,8 @@ void expectCover(const Tessellation& t) {
   }
 }
 
+void expectCover(const Tessellation& t) { expectCover(t, t.uniformLines()); }
+
 TEST(Tessellation, CoversQuadsOfAllSmallRates) {
   for (uint32_t a = 1; a <= 4; ++a)
     for (uint32_t b = 1; b <= 4; ++b)
@@ -78,6 +82,29 @@ TEST(Tessellation, CoversRandomRates) {
     const auto rate = [&] { return uint32_t(1 + random() % (i % 3 == 0 ? 5 : 70)); };
     expectCover(fitTessellation(DomainShape::Quad, {rate(), rate(), rate(), rate()}, rate(), rate()));
     expectCover(fitTessellation(DomainShape::Triangle, {rate(), rate(), rate(), 1}, rate(), 1));
+  }
+}
+
+// Vertices anywhere along the sides, lines anywhere inside, and more on the sides than inside.
+TEST(Tessellation, CoversQuadsOfUnevenParameters) {
+  std::mt19937 random(6);
+  for (int i = 0; i < 60; ++i) {
+    const auto rate = [&] { return uint32_t(2 + random() % 30); };
+    const auto uneven = [&](uint32_t n) {
+      Parameters p{0, 1};
+      while (p.size() < n + 1) {
+        const double t = double(1 + random() % 4095) / 4096;
+        if (std::find(p.begin(), p.end(), t) == p.end()) p.push_back(t);
+      }
+      std::sort(p.begin(), p.end());
+      return p;
+    };
+    const Tessellation t{DomainShape::Quad, {rate(), rate(), rate(), rate()}, rate(), rate()};
+    TessellationLines lines;
+    for (int s = 0; s < 4; ++s) lines.sides[s] = uneven(t.sides[s]);
+    lines.u = uneven(t.nu);
+    lines.v = uneven(t.nv);
+    expectCover(t, lines);
   }
 }
 

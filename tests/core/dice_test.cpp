@@ -39,6 +39,13 @@ Mesh uneven(Mesh mesh) {
   return mesh;
 }
 
+// Infinitely sharp corners, at which the surface's parametrization is infinitely fast.
+Mesh spiky(Mesh mesh = cube()) {
+  mesh.corner_indices = {0, 7};
+  mesh.corner_sharpnesses = {10, 10};
+  return mesh;
+}
+
 std::vector<Case> closedMeshes() {
   using Scheme = SubdivisionScheme;
   std::vector<Case> cases{{"cube", cube(), 0.1f},
@@ -52,7 +59,9 @@ std::vector<Case> closedMeshes() {
                           {"uneven torus", uneven(torus(12, 6)), 0.3f},
                           {"coarse torus", torus(9, 5), 100.0f},
                           {"coarse prism", prism(5), 100.0f},
-                          {"creased cube", creased(cube(), {0, 1, 3, 2, 0, 4}, {5, 2}, {10, 2.5f}), 0.15f},
+                          {"creased cube", creased(cube(), {0, 1, 3, 2, 0, 0, 4}, {5, 2}, {10, 2.5f}), 0.15f},
+                          {"spiky cube", spiky(), 0.02f},
+                          {"spiky prism", spiky(prism(6)), 0.03f},
                           {"semi-sharp prism", creased(prism(5), {5, 6, 7, 8, 9, 5}, {6}, {0.5f, 1, 3, 7, 10}), 0.1f}};
   for (uint32_t seed = 1; seed <= 6; ++seed) {
     cases.push_back({"random " + std::to_string(seed), randomMesh(seed), seed % 2 ? 0.06f : 0.3f});
@@ -157,6 +166,18 @@ TEST(Dice, MeasuresInsideToo) {
   const DicedMesh diced = diceMesh(mesh, 0.5f, kNoCap);
   EXPECT_LE(longestGridEdge(diced, false), 0.5f * 1.00002);
   EXPECT_GT(diced.micropolygons, 20u);
+}
+
+// Sharp corners must not make everything around them fine: the count stays near what the area asks for.
+TEST(Dice, SpikesStayAffordable) {
+  const Mesh mesh = spiky(randomMesh(3));
+  for (const float length : {0.04f, 0.01f}) {
+    const DicedMesh diced = diceMesh(mesh, length, kNoCap);
+    double area = 0;
+    for (size_t t = 0; t < diced.triangleCount(); ++t) area += encore::length(areaVector(diced, t));
+    EXPECT_LT(double(diced.micropolygons), 8 * area / (length * length));
+    EXPECT_LE(longestGridEdge(diced, false), length * 1.00002);
+  }
 }
 
 TEST(Dice, ScaleDoesNotChangeTheDicing) {

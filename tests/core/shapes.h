@@ -125,4 +125,60 @@ inline Affine3d rotation(Vec3d axis, double angle) {
   return {turn({1, 0, 0}), turn({0, 1, 0}), turn({0, 0, 1}), {0, 0, 0}};
 }
 
+inline Affine3d placed(const Instance& instance) {  // what a float32 tracer is given
+  const Affine3f f = toFloat(instance.to_world);
+  return {toDouble(f.ex), toDouble(f.ey), toDouble(f.ez), toDouble(f.origin)};
+}
+
+inline DicedMesh soup(Stream& stream, uint32_t count) {
+  DicedMesh mesh;
+  for (uint32_t i = 0; i < count; ++i) {
+    const Vec3f centre = stream.inCube(1);
+    addTriangle(mesh, centre + stream.inCube(0.4f), centre + stream.inCube(0.4f), centre + stream.inCube(0.4f));
+  }
+  return mesh;
+}
+
+inline Affine3d randomTransform(Stream& stream, int kind) {
+  const Vec3d axis = toDouble(stream.onSphere());
+  const Affine3d turn = rotation(axis, stream.next(0, 6)), move = translation(toDouble(stream.inCube(2)));
+  switch (kind % 4) {
+    case 0:
+      return move * turn;
+    case 1:
+      return move * turn * scaling({1.5, -0.5, 0.8});  // mirrored
+    case 2:
+      return move * turn * scaling({2, 0.3, 1}) * rotation({0, 0, 1}, 0.7);  // sheared
+    default:
+      return move * turn * Affine3d{{1, 0, 0}, {0.8, -1, 0.2}, {0, 0.3, -0.4}, {0, 0, 0}};
+  }
+}
+
+inline Stage randomStage(uint32_t seed) {
+  Stream stream(seed);
+  Stage stage;
+  const uint32_t a = stage.addMesh(soup(stream, 30)), b = stage.addMesh(soup(stream, 20)), c = stage.addMesh({});
+  const uint32_t first = stage.addPrototype({a, c, b}), second = stage.addPrototype({b});
+  stage.addPrototype({a});  // never placed
+  for (int i = 0; i < 8; ++i) stage.addInstance(i % 2 ? second : first, randomTransform(stream, i));
+  return stage;
+}
+
+inline std::vector<Ray> randomRays(uint32_t seed, size_t count) {
+  Stream stream(seed);
+  std::vector<Ray> rays(count);
+  for (Ray& ray : rays) {
+    ray.origin = stream.inCube(5);
+    ray.direction = normalize(stream.inCube(2) - ray.origin);
+  }
+  return rays;
+}
+
+inline std::vector<Hit> intersect(const TraceScene& trace, const std::vector<Ray>& rays,
+                                  Coherence coherence = Coherence::Incoherent) {
+  std::vector<Hit> hits(rays.size());
+  trace.intersect(rays, hits, coherence);
+  return hits;
+}
+
 }  // namespace encore::test

@@ -9,8 +9,8 @@ from pathlib import Path
 import encore
 import pytest
 from encore import cli
-from encore.errors import ExitCode, UsageError
-from encore.record import RecordOptions, edge_length_for
+from encore.errors import ExitCode
+from encore.record import RecordOptions, refined
 from encore.settings import SETTINGS, resolve
 from pxr import Usd, UsdGeom
 
@@ -148,14 +148,8 @@ def test_every_setting_has_a_flag_that_works(setting: object) -> None:
 
 @pytest.mark.parametrize(("name", "factor"), [("low", 1), ("medium", 2), ("high", 4), ("veryhigh", 8)])
 def test_complexity_divides_the_edge_length(name: str, factor: int) -> None:
-    settings = resolve({"target_edge_length_world": 0.5})
-    assert edge_length_for(name, settings)["target_edge_length_world"] == 0.5 / factor
-
-
-def test_complexity_that_would_have_no_effect_is_refused() -> None:
-    assert edge_length_for("low", resolve({}))["target_edge_length_world"] == 0
-    with pytest.raises(UsageError, match="--targetEdgeLength"):
-        edge_length_for("high", resolve({}))
+    assert refined(name, resolve({}))["edge_length_scale"] == 1 / factor
+    assert refined(name, resolve({"edge_length_scale": 0.5}))["edge_length_scale"] == 0.5 / factor
 
 
 @pytest.mark.parametrize(
@@ -176,7 +170,6 @@ def test_complexity_that_would_have_no_effect_is_refused() -> None:
         (["--renderer", "Storm"], ExitCode.USAGE, "there is no renderer 'Storm'"),
         (["-rs", "/Render/Settings"], ExitCode.USAGE, "not supported yet"),
         (["-rp", "/Render/Pass"], ExitCode.USAGE, "not supported yet"),
-        (["--complexity", "high"], ExitCode.USAGE, "--targetEdgeLength"),
         (["--complexity", "huge"], ExitCode.USAGE, "invalid choice"),
         (["--purposes", "red"], ExitCode.USAGE, "'red' is no purpose"),
         (["--mask", "World"], ExitCode.USAGE, "not an absolute prim path"),

@@ -64,7 +64,7 @@ def read_attributes(path: Path) -> dict[str, tuple[str, bytes]]:
 
 def read_exr(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     with OpenEXR.File(str(path), separate_channels=True) as file:
-        return file.header(), {name: channel.pixels for name, channel in file.channels().items()}
+        return dict(file.header()), {name: channel.pixels for name, channel in file.channels().items()}
 
 
 def srgb(linear: np.ndarray) -> np.ndarray:

@@ -73,7 +73,7 @@ def record(folder: Path, output: str, *flags: str) -> int:
 
 def read_exr(path: Path) -> tuple[dict[str, object], dict[str, np.ndarray]]:
     with OpenEXR.File(str(path), separate_channels=True) as file:
-        return file.header(), {name: channel.pixels for name, channel in file.channels().items()}
+        return dict(file.header()), {name: channel.pixels for name, channel in file.channels().items()}
 
 
 def read_png(path: Path) -> np.ndarray:
@@ -176,6 +176,41 @@ def test_reference_and_disable_gpu(tmp_path: Path) -> None:
     assert document["shading_evaluations"] == 32 * 16 * 4
 
 
+def test_dump_shows_what_would_be_rendered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    new_stage(tmp_path).Save()
+    assert (
+        cli.main(["dump", str(tmp_path / "a.usda"), "-w", "40", "--imageHeight", "20", "-f", "3"])
+        == ExitCode.OK
+    )
+    text = capsys.readouterr().out
+    assert "image 40 x 20" in text
+    assert "/Card" in text
+    assert cli.main(["dump", str(tmp_path / "a.usda"), "-f", "1:3"]) == ExitCode.USAGE
+
+
+def test_devices_are_listed_with_what_the_flag_takes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["devices"]) == ExitCode.OK
+    listed = capsys.readouterr().out.splitlines()
+    cpu = next(line for line in listed if "(CPU, " in line)
+    index, name = cpu.split(": ", 1)
+    new_stage(tmp_path).Save()
+    for select in (index, name.split()[0].upper()):
+        assert record(tmp_path, "a.exr", "--device", select) == ExitCode.OK
+
+
+def test_camera_by_name(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path)
+    far = UsdGeom.Camera.Define(stage, "/World/Far")
+    far.AddTranslateOp().Set((0, 0, 30))
+    stage.Save()
+    assert record(tmp_path, "a.exr", "-cam", "Far") == ExitCode.OK
+    header, channels = read_exr(tmp_path / "a.exr")
+    assert header["encore:camera"] == "/World/Far"
+    assert channels["Z"] == pytest.approx(40, rel=1e-4)
+
+
 # --- Bad input ---------------------------------------------------------------------------------------
 
 
@@ -274,7 +309,19 @@ def test_unknown_device(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
 def test_a_signal_while_rendering_leaves_nothing(tmp_path: Path, number: int) -> None:
     new_stage(tmp_path).Save()
     arguments = ["record", str(tmp_path / "a.usda"), str(tmp_path / "a.exr")]
-    flags = ["-w", "1024", "--imageHeight", "1024", "--samples", "64", "--progress", "json"]
+    # Many small tiles, so that there is something to interrupt, and soon.
+    flags = [
+        "-w",
+        "1024",
+        "--imageHeight",
+        "1024",
+        "--samples",
+        "16",
+        "--reuseTile",
+        "16",
+        "--progress",
+        "json",
+    ]
     process = subprocess.Popen(
         [sys.executable, "-m", "encore", *arguments, *flags],
         env={**os.environ, "PYTHONPATH": str(Path(encore.__file__).parents[1])},

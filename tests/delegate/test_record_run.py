@@ -230,10 +230,11 @@ def test_flags_reach_the_translation(stage: str) -> None:
         "width": 64,
         "height": 32,
         "camera_light": False,
-        "target_edge_length": 0.125,
+        "target_edge_length": 0.5,
         "strict": True,
     }
-    assert StandInPass.settings["target_edge_length_world"] == 0.125
+    assert StandInPass.settings["target_edge_length_world"] == 0.5
+    assert StandInPass.settings["edge_length_scale"] == 0.25
 
 
 def test_setting_errors_of_the_core_name_the_flag(stage: str) -> None:

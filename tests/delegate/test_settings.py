@@ -17,7 +17,10 @@ def test_keys_and_defaults_are_those_of_the_core() -> None:
     assert set(core) == set(SETTINGS)
     for key, setting in SETTINGS.items():
         if setting.default is not None:
-            assert core[key] == pytest.approx(setting.default, rel=1e-6), key
+            expected = (
+                setting.default if setting.kind == "choice" else pytest.approx(setting.default, rel=1e-6)
+            )
+            assert core[key] == expected, key
 
 
 def core_refuses(key: str, value: Any) -> bool:

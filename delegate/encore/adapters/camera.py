@@ -6,12 +6,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdUtils
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
 
 from encore.adapters.context import Matrix, SyncContext, to_matrix
 from encore.errors import StageError
 
 AUTOMATIC = ""  # path of a camera that is not in the stage
+# UsdGeomBBoxCache recurses, and exhausts its stack below some thousands of levels and in cycles.
+_DEEPEST = 1000
 
 
 @dataclass(frozen=True)
@@ -98,16 +100,26 @@ def read_camera(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> Camer
     return _from_gf(gf, str(prim.GetPath()), to_world, (near, far))
 
 
-def frame_stage(stage: Usd.Stage, purposes: tuple[str, ...], context: SyncContext) -> CameraData:
-    """A camera with the default lens that sees the whole stage from the front, where usdrecord places it."""
+def stage_bounds(
+    stage: Usd.Stage, depth: int, purposes: tuple[str, ...], context: SyncContext
+) -> Gf.Range3d | None:
+    """World bounds of the stage as usdrecord frames them; None where USD cannot tell.
+
+    depth: of the deepest prim.
+    """
+    if depth > _DEEPEST or context.reports.count("instancing cycle"):
+        return None
     cache = UsdGeom.BBoxCache(context.time, list(purposes), useExtentsHint=True)
-    bounds = cache.ComputeWorldBound(stage.GetPseudoRoot()).ComputeAlignedRange()
-    if bounds.IsEmpty() or not all(math.isfinite(x) for x in (*bounds.min, *bounds.max)):
-        raise StageError(
-            "the stage has no finite bounds to frame",
-            stage.GetRootLayer().identifier,
-            "Name a camera with --camera",
-        )
+    try:
+        bounds = cache.ComputeWorldBound(stage.GetPseudoRoot()).ComputeAlignedRange()
+    except Tf.ErrorException:
+        return None  # something broken on the stage, which is reported where it is translated
+    finite = all(math.isfinite(x) for x in (*bounds.min, *bounds.max))
+    return bounds if finite and not bounds.IsEmpty() else None
+
+
+def frame_stage(bounds: Gf.Range3d, stage: Usd.Stage) -> CameraData:
+    """A camera with the default lens that sees the bounds from the front, where usdrecord places it."""
     gf = Gf.Camera()
     centre, size = bounds.GetMidpoint(), bounds.GetSize()
     up, depth = (1, 2) if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y else (2, 1)

@@ -66,7 +66,8 @@ def _is_flat(kind: str, v: dict[str, float]) -> bool:
     if kind == "Capsule":
         return v["radius"] == 0
     if kind in ("Capsule_1", "Cylinder_1"):
-        return max(v["radiusBottom"], v["radiusTop"]) == 0 or (kind == "Cylinder_1" and v["height"] == 0)
+        bottom, top = v["radiusBottom"], v["radiusTop"]
+        return max(bottom, top) == 0 or (v["height"] == 0 and (kind == "Cylinder_1" or bottom != top))
     return min(v.values()) == 0
 
 
@@ -112,8 +113,22 @@ def build(kind: str, *parameters: float) -> MeshData:
         return _tapered(1.0, 1.0, 2.0) if not parameters else _tapered(*parameters)
     if kind == "Cone":
         return _tapered(1.0, 0.0, 2.0)
-    bottom, top, height = parameters
-    parts = [_arc(bottom, -height / 2, -90, 0), _side(bottom, top, height), _arc(top, height / 2, 0, 90)]
+    return _capsule(*parameters)
+
+
+def _capsule(bottom: float, top: float, height: float) -> MeshData:
+    """A side with caps that continue it smoothly; bottom and top: radii of the circles where they meet.
+
+    Where the circles differ, the caps' spheres touch the cone of the side, as UsdGeomCapsule_1 computes its
+    extent.
+    """
+    slope = math.atan2(bottom - top, height)
+    degrees = math.degrees(slope)
+    parts = [
+        _arc(bottom / math.cos(slope), -height / 2 - bottom * math.tan(slope), -90, degrees),
+        _side(bottom, top, height),
+        _arc(top / math.cos(slope), height / 2 - top * math.tan(slope), degrees, 90),
+    ]
     return _join([_revolve(profile) for profile in parts if profile])
 
 
@@ -139,7 +154,7 @@ def _arc(radius: float, centre: float, first: float, last: float) -> Profile:
     """Part of a half circle between two latitudes in degrees; nothing where it has no radius."""
     if radius <= 0:
         return []
-    steps = round(RING_SIDES / 360 * (last - first))
+    steps = max(1, math.ceil(RING_SIDES / 360 * (last - first) - 1e-9))
     profile: Profile = []
     for i in range(steps + 1):
         latitude = math.radians(first + (last - first) * i / steps)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from pxr import Usd, UsdGeom, UsdShade
 
-from encore.adapters.context import SyncContext
+from encore.adapters.context import SyncContext, to_matrix
 
 Matrices = npt.NDArray[np.float64]  # (n, 4, 4), row vectors
 
@@ -38,7 +38,7 @@ def read_point_instancer(instancer: UsdGeom.PointInstancer, context: SyncContext
         reports.add("empty instancer", "has no instances or no prototypes", path)
         return []
     transforms = instancer.ComputeInstanceTransformsAtTime(
-        time, time, UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
+        time, time, UsdGeom.PointInstancer.ExcludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
     )
     matrices = np.array(transforms, dtype=np.float64).reshape(-1, 4, 4)
     if len(matrices) != len(proto_indices):
@@ -60,7 +60,8 @@ def read_point_instancer(instancer: UsdGeom.PointInstancer, context: SyncContext
         if not root:
             reports.error("missing prototype", f"prototype {target} does not exist", path)
         elif chosen.any():
-            placements.append(PointPlacements(root, np.ascontiguousarray(matrices[chosen]), ids[chosen]))
+            local = UsdGeom.XformCache(time).GetLocalTransformation(root)[0]
+            placements.append(PointPlacements(root, to_matrix(local) @ matrices[chosen], ids[chosen]))
     return placements
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pxr import Sdf, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 from encore.adapters.context import Matrix, SyncContext
 from encore.adapters.primvars import (
@@ -28,9 +28,12 @@ _NO_INTS: IntArray = np.empty(0, np.int32)
 _NO_FLOATS: FloatArray = np.empty(0, np.float32)
 
 
-@dataclass(frozen=True)
+@dataclass
 class MeshData:
-    """One mesh as _core.Scene.add_mesh takes it, without materials. points: (n, 3), in its own space."""
+    """One mesh as _core.Scene.add_mesh takes it, without materials. points: (n, 3), in its own space.
+
+    Arrays may be views of USD's and are not to be written to.
+    """
 
     path: str
     points: FloatArray
@@ -61,7 +64,7 @@ class MeshData:
     def without(self, cut: npt.NDArray[np.bool_]) -> MeshData:
         """The same mesh without the faces where `cut` is true.
 
-        Holes where there is a scheme, so that the rest keeps its shape; polygons know no holes, and lose faces.
+        Holes where there is a scheme, so that the rest keeps its shape; polygons, without holes, lose faces.
         """
         if self.scheme != "none":
             holes = np.union1d(self.hole_indices, np.flatnonzero(cut)).astype(np.int32)
@@ -90,10 +93,7 @@ class MeshData:
 
     def arguments(self) -> dict[str, Any]:
         """Keyword arguments of _core.Scene.add_mesh."""
-        names = self.__dataclass_fields__
-        arguments = {name: getattr(self, name) for name in names if name != "texcoords"}
-        arguments["texcoords"] = [(name, *primvar) for name, primvar in self.texcoords.items()]
-        return arguments
+        return vars(self) | {"texcoords": [(name, *primvar) for name, primvar in self.texcoords.items()]}
 
 
 def read_mesh(
@@ -107,31 +107,31 @@ def read_mesh(
 
     primvars: by name, inherited ones included. texcoord_names, with_color: what its materials ask for.
     """
-    time, path = context.time, mesh.GetPath()
-    points = mesh.GetPointsAttr().Get(time)
-    face_counts = mesh.GetFaceVertexCountsAttr().Get(time)
-    face_indices = mesh.GetFaceVertexIndicesAttr().Get(time)
+    path = mesh.GetPath()
+    get = _reader(mesh.GetPrim(), context)
+    points, face_counts, face_indices = get("points"), get("faceVertexCounts"), get("faceVertexIndices")
     if not points or not face_counts or not face_indices:
         context.reports.add("empty mesh", "has no points or no faces, and is not rendered", path)
         return None
     counts = ElementCounts(len(face_counts), len(points), len(face_indices))
-    scheme = mesh.GetSubdivisionSchemeAttr().Get(time)
     data = MeshData(
         path=str(path),
         points=_array(points, np.float32),
         face_vertex_counts=_array(face_counts, np.int32),
         face_vertex_indices=_array(face_indices, np.int32),
-        scheme=scheme,
-        left_handed=mesh.GetOrientationAttr().Get(time) == UsdGeom.Tokens.leftHanded,
-        double_sided=mesh.GetDoubleSidedAttr().Get(time),
+        scheme=str(get("subdivisionScheme") or UsdGeom.Tokens.catmullClark),
+        left_handed=get("orientation") == UsdGeom.Tokens.leftHanded,
+        double_sided=bool(get("doubleSided")),
         display_color=read_color(primvars, counts, path, context) if with_color else None,
         texcoords=read_texcoords(primvars, texcoord_names, counts, path, context),
         target_edge_length_world=read_edge_length(primvars, path, context),
         shading_rate=read_number(primvars, SHADING_RATE, path, context),
     )
-    if scheme == UsdGeom.Tokens.none:
-        return replace(data, normals=_read_normals(mesh, primvars, counts, context))
-    return replace(data, **_read_subdivision(mesh, context))
+    if data.scheme == UsdGeom.Tokens.none:
+        data.normals = _read_normals(mesh, get("normals"), primvars, counts, context)
+    else:
+        _read_subdivision(data, get)
+    return data
 
 
 def read_texcoords(
@@ -171,37 +171,42 @@ def read_edge_length(primvars: Mapping[str, UsdGeom.Primvar], path: Sdf.Path, co
     return read_number(primvars, TARGET_EDGE_LENGTH, path, context) or context.target_edge_length
 
 
+def _reader(prim: Usd.Prim, context: SyncContext) -> Callable[[str], Any]:
+    """Reads attributes at the context's time; None, without asking USD, for one that is not authored."""
+    authored = frozenset(prim.GetAuthoredPropertyNames())
+    return lambda name: prim.GetAttribute(name).Get(context.time) if name in authored else None
+
+
 def _read_normals(
-    mesh: UsdGeom.Mesh, primvars: Mapping[str, UsdGeom.Primvar], counts: ElementCounts, context: SyncContext
+    mesh: UsdGeom.Mesh,
+    value: Any,
+    primvars: Mapping[str, UsdGeom.Primvar],
+    counts: ElementCounts,
+    context: SyncContext,
 ) -> Primvar | None:
-    """primvars:normals before normals, as UsdGeomPointBased says."""
+    """primvars:normals before normals (value), as UsdGeomPointBased says."""
     if "normals" in primvars:
         return read_primvar(primvars["normals"], 3, counts, mesh.GetPath(), context)
-    value = mesh.GetNormalsAttr().Get(context.time)
     if not value:
         return None
     interpolation = mesh.GetNormalsInterpolation()
     return make_primvar("normals", interpolation, value, None, 3, counts, mesh.GetPath(), context)
 
 
-def _read_subdivision(mesh: UsdGeom.Mesh, context: SyncContext) -> dict[str, Any]:
-    time = context.time
-    rules: dict[str, Any] = {
-        "hole_indices": _array(mesh.GetHoleIndicesAttr().Get(time), np.int32),
-        "interpolate_boundary": mesh.GetInterpolateBoundaryAttr().Get(time),
-        "face_varying": mesh.GetFaceVaryingLinearInterpolationAttr().Get(time),
-        "triangle_subdivision": mesh.GetTriangleSubdivisionRuleAttr().Get(time),
-    }
-    corners = mesh.GetCornerIndicesAttr().Get(time)
+def _read_subdivision(data: MeshData, get: Callable[[str], Any]) -> None:
+    """Rules, holes and sharp features; what is not authored keeps UsdGeomMesh's fallback."""
+    data.interpolate_boundary = str(get("interpolateBoundary") or data.interpolate_boundary)
+    data.face_varying = str(get("faceVaryingLinearInterpolation") or data.face_varying)
+    data.triangle_subdivision = str(get("triangleSubdivisionRule") or data.triangle_subdivision)
+    data.hole_indices = _array(get("holeIndices"), np.int32)
+    corners, creases = get("cornerIndices"), get("creaseIndices")
     if corners:
-        rules["corner_indices"] = _array(corners, np.int32)
-        rules["corner_sharpnesses"] = _array(mesh.GetCornerSharpnessesAttr().Get(time), np.float32)
-    creases = mesh.GetCreaseIndicesAttr().Get(time)
+        data.corner_indices = _array(corners, np.int32)
+        data.corner_sharpnesses = _array(get("cornerSharpnesses"), np.float32)
     if creases:
-        rules["crease_indices"] = _array(creases, np.int32)
-        rules["crease_lengths"] = _array(mesh.GetCreaseLengthsAttr().Get(time), np.int32)
-        rules["crease_sharpnesses"] = _array(mesh.GetCreaseSharpnessesAttr().Get(time), np.float32)
-    return rules
+        data.crease_indices = _array(creases, np.int32)
+        data.crease_lengths = _array(get("creaseLengths"), np.int32)
+        data.crease_sharpnesses = _array(get("creaseSharpnesses"), np.float32)
 
 
 def _kept(primvar: Primvar | None, kept: Mapping[str, npt.NDArray[np.bool_]]) -> Primvar | None:

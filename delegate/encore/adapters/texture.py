@@ -132,7 +132,8 @@ def _four_channels(pixels: Pixels) -> Pixels:
 @functools.cache
 def _srgb_processor() -> ocio.CPUProcessor:
     config = ocio.Config.CreateFromBuiltinConfig(_CONFIG)
-    return config.getProcessor(_SRGB, _LINEAR).getDefaultCPUProcessor()
+    # The default's approximate powers make white brighter than 1.
+    return config.getProcessor(_SRGB, _LINEAR).getOptimizedCPUProcessor(ocio.OPTIMIZATION_LOSSLESS)
 
 
 def _wrap_metadata(resolved: str) -> tuple[str, str]:
