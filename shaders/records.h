@@ -34,10 +34,9 @@ struct SurfaceKey {
   uint primitive_side;  // primitive << 1 | side (1: back)
 };
 
-// A shading sample (§2.2) is, as a structure of arrays: SurfaceKey, vec2 uv, float r, vec3 radiance.
-// An antialiasing sample: SurfaceKey, vec2 uv, float r, vec3 throughput, uint shade, uint film position.
+// A shading sample (§2.2) is, as a structure of arrays: SurfaceKey, vec2 uv, vec3 radiance.
+// An antialiasing sample: SurfaceKey, vec2 uv, vec3 throughput, uint shade, uint film position.
 //   uv          parametric coordinates within the primitive, in [0, 1]²
-//   r           parametric footprint radius: average length of d(u, v)/dx and d(u, v)/dy (§2.4)
 //   throughput  attenuation along the path; the radiance itself where the key has kNoInstance
 //   shade       index of the radiance it is given, or one of kShade*
 //   film position  offset within the pixel in units of 2^-16: x in the low, y (down) in the high half

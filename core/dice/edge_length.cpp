@@ -101,11 +101,14 @@ std::vector<float> resolvedEdgeLengths(const Scene& scene, const Settings& setti
   for (size_t i = 0; i < scene.meshes.size(); ++i) {
     const Mesh& mesh = scene.meshes[i];
     const double largest = scales[i].largest;
-    const double world_length = mesh.target_edge_length_world > 0 ? mesh.target_edge_length_world
-                                : settings.target_edge_length_world > 0
-                                    ? settings.target_edge_length_world
-                                    : defaultEdgeLength(float(bounds[i].diagonal() * largest), float(world.diagonal()),
-                                                        float(meanBaseEdge(mesh) * largest));
+    double world_length = mesh.target_edge_length_world;
+    if (!(world_length > 0)) {
+      world_length = settings.target_edge_length_world > 0
+                         ? settings.target_edge_length_world
+                         : defaultEdgeLength(float(bounds[i].diagonal() * largest), float(world.diagonal()),
+                                             float(meanBaseEdge(mesh) * largest));
+      world_length *= settings.edge_length_scale;
+    }
     lengths.push_back(largest > 0 ? float(world_length / scales[i].forDicing()) : 0.0f);
   }
   return lengths;

@@ -238,8 +238,8 @@ void bindRender(nb::module_& module) {
              "Renders one frame.\n\n"
              "settings: see default_settings(). progress(done, stage): called now and then with done in [0, 1];\n"
              "returning False cancels, and what it raises is raised here. The scene must not change meanwhile.\n"
-             "Result: 'layers' (name → (height, width, 3)), 'composite' and 'normal' (height, width, 3), 'alpha' and\n"
-             "'depth' (height, width), all float32, and 'statistics'. Raises Error.");
+             "Result: 'layers' (name → (height, width, 3)), 'composite' and 'normal' (height, width, 3), 'alpha'\n"
+             "and 'depth' (height, width), all float32, and 'statistics'. Raises Error.");
 }
 
 }  // namespace encore::python

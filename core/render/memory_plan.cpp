@@ -16,12 +16,12 @@ namespace {
 // Larger batches gain nothing: a dispatch over a million samples already hides its launch.
 constexpr uint64_t kMaxSlotsPerBatch = 1u << 20;
 
-// State of a path on its way (core/path keeps ray, differentials, throughput and hit), and the record
-// of what shading needs at a hit.
-constexpr uint64_t kPathStateBytes = 256;
-constexpr uint64_t kAaSampleBytes = sizeof(SurfaceKey) + sizeof(Vec2f) + sizeof(float) + sizeof(Vec3f) + sizeof(uint32_t);
+// What core/path and core/shade keep beside a path's vertex while it is on its way: how its ray spreads, and
+// the pattern points and inputs of a hit, each of them twice while blocks are joined.
+constexpr uint64_t kPathStateBytes = 2 * (sizeof(PatternPoint) + sizeof(PathInputs)) + 32;
+constexpr uint64_t kAaSampleBytes = sizeof(SurfaceKey) + sizeof(Vec2f) + sizeof(Vec3f) + sizeof(uint32_t);
 constexpr uint64_t kFilmSampleBytes = sizeof(uint32_t) + sizeof(float) + sizeof(Vec3f);
-constexpr uint64_t kShadingSampleBytes = sizeof(SurfaceKey) + sizeof(Vec2f) + sizeof(float) + sizeof(Vec3f);
+constexpr uint64_t kShadingSampleBytes = sizeof(SurfaceKey) + sizeof(Vec2f) + sizeof(Vec3f);
 
 std::string mebibytes(uint64_t bytes) { return std::to_string((bytes + (1u << 20) - 1) >> 20) + " MiB"; }
 

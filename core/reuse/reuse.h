@@ -16,7 +16,6 @@ struct ShadingSamples {
   uint32_t count = 0;
   Buffer<SurfaceKey> key;
   Buffer<Vec2f> uv;
-  Buffer<float> footprint;
 };
 
 // Antialiasing samples of one layer of one batch. Slots are ordered by (block, pixel in block, sample):
@@ -26,7 +25,6 @@ struct AaSamples {
   uint32_t samples_per_pixel = 1;
   Buffer<SurfaceKey> key;
   Buffer<Vec2f> uv;
-  Buffer<float> footprint;
   Buffer<Vec3f> throughput;
   Buffer<uint32_t> shade;  // written by findNearest() and serveFailures()
 };

@@ -262,7 +262,6 @@ def sync_options(options: RecordOptions, settings: Mapping[str, Any]) -> dict[st
         "width": settings["width"],
         "height": settings["height"],
         "camera_light": options.camera_light,
-        "target_edge_length": settings["target_edge_length_world"],
         "strict": options.strict,
     }
 

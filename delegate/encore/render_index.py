@@ -35,8 +35,7 @@ class SyncOptions:
 
     camera: path or name; empty: choose_camera() says which. purposes: of prims. material_purposes: of
     bindings, tried in order. width and height in pixels; without a height, the camera decides it.
-    camera_light: one along the view where there are no lights. target_edge_length: of meshes without their
-    own, world units; 0: core's default. strict: what is broken on the stage raises StageError.
+    camera_light: one along the view where there are no lights. strict: what is broken on the stage raises StageError.
     """
 
     camera: str = ""
@@ -46,7 +45,6 @@ class SyncOptions:
     width: int = 960
     height: int | None = None
     camera_light: bool = True
-    target_edge_length: float = 0.0
     strict: bool = False
 
 
@@ -102,7 +100,7 @@ class _Sync:
         self._stage = stage
         self._options = options
         self._reports = Reports()
-        self._context = SyncContext(stage, time, self._reports, options.target_edge_length)
+        self._context = SyncContext(stage, time, self._reports)
         self._delegate = RenderDelegate(self._context)
         self._population = Population(options.purposes, options.material_purposes, self._context)
         self._bound: dict[Sdf.Path, BoundMaterial | None] = {}

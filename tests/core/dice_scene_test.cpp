@@ -73,6 +73,8 @@ TEST(ResolvedEdgeLengths, PreferTheMeshThenTheFrameThenTheDefault) {
   EXPECT_FLOAT_EQ(resolvedEdgeLengths(scene, settings)[0], diagonal / 128);
   settings.target_edge_length_world = 0.5f;
   EXPECT_FLOAT_EQ(resolvedEdgeLengths(scene, settings)[0], 0.5f);
+  settings.edge_length_scale = 0.25f;
+  EXPECT_FLOAT_EQ(resolvedEdgeLengths(scene, settings)[0], 0.125f);
   scene.meshes[0].target_edge_length_world = 0.25f;
   EXPECT_FLOAT_EQ(resolvedEdgeLengths(scene, settings)[0], 0.25f);
 }

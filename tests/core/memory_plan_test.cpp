@@ -18,7 +18,7 @@ Settings frame(uint32_t width, uint32_t height, uint32_t samples) {
 }
 
 TEST(MemoryPlan, StaysWithinTheBudget) {
-  for (const uint64_t budget : {600 * kMebibyte, 1024 * kMebibyte, 16384 * kMebibyte})
+  for (const uint64_t budget : {1024 * kMebibyte, 4096 * kMebibyte, 16384 * kMebibyte})
     for (const uint32_t samples : {1u, 4u, 11u, 23u}) {
       const MemoryPlan plan = planMemory(frame(1920, 1080, samples), 3, budget);
       EXPECT_GE(plan.blocks_per_batch, 1u);
@@ -29,7 +29,7 @@ TEST(MemoryPlan, StaysWithinTheBudget) {
 
 TEST(MemoryPlan, MoreMemoryNeverMeansSmallerBatches) {
   uint32_t before = 0;
-  for (uint64_t budget = 500 * kMebibyte; budget < 20000 * kMebibyte; budget += 500 * kMebibyte) {
+  for (uint64_t budget = 1000 * kMebibyte; budget < 20000 * kMebibyte; budget += 500 * kMebibyte) {
     const MemoryPlan plan = planMemory(frame(1280, 720, 11), 3, budget);
     EXPECT_GE(plan.blocks_per_batch, before);
     before = plan.blocks_per_batch;

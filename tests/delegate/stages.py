@@ -208,3 +208,10 @@ def connect_texture(
     texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
     shader.CreateInput(target, Sdf.ValueTypeNames.Color3f).ConnectToSource(texture.ConnectableAPI(), "rgb")
     return texture
+
+
+def square_with(stage: Usd.Stage, **inputs: Any) -> UsdShade.Material:
+    """The material /World/Material with constant inputs, on the square /World/Mesh."""
+    material = add_material(stage, "/World/Material", **inputs)
+    bind(add_square(stage, "/World/Mesh"), material)
+    return material

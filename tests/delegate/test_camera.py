@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from encore import _core
 from encore.errors import StageError
 from pxr import Gf, Usd, UsdGeom, UsdUtils
 from stages import add_square, kinds, new_stage, translate
@@ -114,8 +115,6 @@ def test_orthographic_cameras_are_refused(stage: Usd.Stage) -> None:
 
 
 def test_a_focal_length_of_0_is_refused_by_core(stage: Usd.Stage) -> None:
-    from encore import _core
-
     add_camera(stage).CreateFocalLengthAttr(0.0)
     translation = translate(stage)
     with pytest.raises(_core.Error, match="/World/Camera"):

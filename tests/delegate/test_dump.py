@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 from encore.dump import dump
-from pxr import Usd, UsdGeom, UsdLux
+from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdShade
 from stages import (
     add_material,
     add_square,
@@ -99,8 +99,6 @@ def test_everything_else_has_its_line(stage: Usd.Stage, tmp_path: Path) -> None:
     mesh = add_strip(stage, "/World/Mesh")
     mesh.CreateDisplayColorPrimvar("uniform").Set([(1, 0, 0), (0, 1, 0), (0, 0, 1)])
     api = UsdGeom.PrimvarsAPI(mesh)
-    from pxr import Sdf, UsdShade
-
     st = api.CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, "uniform")
     st.Set([(0, 0), (1, 1)])
     st.SetIndices([0, 1, 0])

@@ -215,7 +215,7 @@ def test_encore_primvars_are_inherited(stage: Usd.Stage) -> None:
     author("/World", "targetEdgeLength", 0.5)
     author("/World/A/C", "targetEdgeLength", 0.125)
     author("/World/A/B", "shadingRate", 4.0)
-    found = meshes(translate(stage, target_edge_length=2.0))
+    found = meshes(translate(stage))
     assert found["/World/A"]["target_edge_length_world"] == 0.5
     assert found["/World/A/B"]["target_edge_length_world"] == 0.5
     assert found["/World/A/C"]["target_edge_length_world"] == 0.125
@@ -226,8 +226,8 @@ def test_a_negative_edge_length_is_ignored(stage: Usd.Stage) -> None:
     mesh = add_square(stage, "/World/Mesh")
     api = UsdGeom.PrimvarsAPI(mesh)
     api.CreatePrimvar("encore:targetEdgeLength", Sdf.ValueTypeNames.Float).Set(-1.0)
-    translation = translate(stage, target_edge_length=2.0)
-    assert meshes(translation)["/World/Mesh"]["target_edge_length_world"] == 2.0
+    translation = translate(stage)
+    assert meshes(translation)["/World/Mesh"]["target_edge_length_world"] == 0.0
     assert kinds(translation)["bad primvar encore:targetEdgeLength"] == 1
 
 

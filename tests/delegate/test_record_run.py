@@ -230,7 +230,6 @@ def test_flags_reach_the_translation(stage: str) -> None:
         "width": 64,
         "height": 32,
         "camera_light": False,
-        "target_edge_length": 0.5,
         "strict": True,
     }
     assert StandInPass.settings["target_edge_length_world"] == 0.5

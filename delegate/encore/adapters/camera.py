@@ -41,7 +41,10 @@ class CameraData:
 
 def image_size(width: int, height: int | None, aspect: float) -> tuple[int, int]:
     """Pixels of the image; without a height, the one that the camera's aspect ratio gives (as usdrecord)."""
-    return (width, height) if height else (width, max(1, int(width / aspect)))
+    if height:
+        return width, height
+    # In single precision, as usdrecord: 640 / (36 / 20.25) is 360 there and a little less in double.
+    return width, max(1, int(np.float32(width) / np.float32(aspect)))
 
 
 def choose_camera(stage: Usd.Stage, name: str, context: SyncContext) -> Usd.Prim | None:

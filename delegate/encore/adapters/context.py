@@ -17,12 +17,11 @@ Matrix = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SyncContext:
-    """time: at which all is read. target_edge_length: of meshes without their own, world units, or 0."""
+    """What all adapters share. time: at which everything is read."""
 
     stage: Usd.Stage
     time: Usd.TimeCode
     reports: Reports
-    target_edge_length: float = 0.0
 
 
 def to_matrix(matrix: Gf.Matrix4d) -> Matrix:

@@ -167,8 +167,8 @@ def read_color(
 
 
 def read_edge_length(primvars: Mapping[str, UsdGeom.Primvar], path: Sdf.Path, context: SyncContext) -> float:
-    """World-space edge length: the prim's own or inherited one, else the frame's; 0: core's default."""
-    return read_number(primvars, TARGET_EDGE_LENGTH, path, context) or context.target_edge_length
+    """World-space edge length: the prim's own or inherited one; 0: the frame's."""
+    return read_number(primvars, TARGET_EDGE_LENGTH, path, context) or 0.0
 
 
 def _reader(prim: Usd.Prim, context: SyncContext) -> Callable[[str], Any]:

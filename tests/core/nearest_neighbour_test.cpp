@@ -1,0 +1,103 @@
+// Nearest neighbours against brute force: the same id for every query, whatever the samples.
+#include <gtest/gtest.h>
+
+#include "core/reuse/nearest_neighbour.h"
+#include "core/reuse/trees.h"
+#include "tests/core/twins/nearest_neighbour_twin.h"
+#include "tests/core/twins/reuse_buffers.h"
+#include "tests/core/twins/reuse_clouds.h"
+
+namespace encore {
+namespace {
+
+class NearestNeighbourTest : public testing::Test {
+ protected:
+  std::vector<uint32_t> found(NearestNeighbour& search, const Trees& trees, const twin::Samples& queries) {
+    AaSamples aa = twin::uploadAa(*device_, queries);
+    Commands commands(*device_);
+    search.record(commands, trees, aa);
+    commands.run();
+    return twin::download(aa.shade);
+  }
+
+  // Both walks for `count` queries; brute force for every `stride`th.
+  void expectExact(const twin::Cloud& cloud, uint32_t count, uint32_t stride, bool coherent) {
+    SCOPED_TRACE(cloud.name + (coherent ? ", coherent" : ", scattered"));
+    const auto trees = kernels_.buildTrees(twin::uploadShading(*device_, cloud.samples));
+    const twin::Samples queries = maker_.queries(cloud.samples, count, coherent);
+    const std::vector<uint32_t> ids = found(grouped_, *trees, queries);
+    EXPECT_TRUE(found(single_, *trees, queries) == ids);
+    const twin::NearestNeighbour expected(cloud.samples);
+    for (size_t i = 0; i < queries.keys.size(); i += stride) {
+      ASSERT_EQ(ids[i], expected.find(queries.keys[i], queries.uv[i]))
+          << i << ": key " << queries.keys[i].instance << " " << queries.keys[i].primitive_side << ", (u, v) "
+          << queries.uv[i].x << " " << queries.uv[i].y;
+    }
+  }
+
+  void expectExact(const twin::Cloud& cloud, uint32_t count, uint32_t stride = 1) {
+    expectExact(cloud, count, stride, true);
+    expectExact(cloud, count, stride, false);
+  }
+
+  std::shared_ptr<Device> device_ = Device::create({.validation = true});
+  ReuseKernels kernels_{*device_};
+  NearestNeighbour grouped_{*device_, NearestNeighbour::Walk::kGrouped};
+  NearestNeighbour single_{*device_, NearestNeighbour::Walk::kSingle};
+  twin::CloudMaker maker_{17};
+};
+
+TEST_F(NearestNeighbourTest, OnePrimitiveOfAnySize) {
+  for (const uint32_t size : {0, 1, 2, 7, 8, 9, 16, 17, 100, 1000, 4099}) {
+    expectExact(maker_.onOnePrimitive(size), 3001);
+  }
+}
+
+TEST_F(NearestNeighbourTest, AMillionSamplesOnOnePrimitive) {
+  expectExact(maker_.onOnePrimitive(1'000'000), 200'000, 1009);
+}
+
+TEST_F(NearestNeighbourTest, ManyPrimitives) { expectExact(maker_.onManyPrimitives(100'000), 300'000); }
+
+TEST_F(NearestNeighbourTest, HardShapes) {
+  for (const twin::Cloud& cloud : maker_.hardShapes(3000)) expectExact(cloud, 5000);
+}
+
+// Where all samples tie, or all but tie, every query could have to look at all of them.
+TEST_F(NearestNeighbourTest, HardShapesOfManySamplesEnd) {
+  for (const twin::Cloud& cloud : maker_.hardShapes(100'000)) expectExact(cloud, 2000, 101);
+}
+
+TEST_F(NearestNeighbourTest, AMillionSamplesAtOnePoint) {
+  expectExact(maker_.placed("a million at one point", 1'000'000, [](uint32_t) { return Vec2f{0.3f, 0.7f}; }), 100'000,
+              1009);
+}
+
+TEST_F(NearestNeighbourTest, ExtremesAndMixture) {
+  expectExact(maker_.extremes(20'000), 20'000);
+  expectExact(maker_.mixture(20'000), 20'000, 7);
+}
+
+TEST_F(NearestNeighbourTest, NumbersOfQueriesAroundAWorkgroup) {
+  const twin::Cloud cloud = maker_.mixture(100);
+  for (const uint32_t count : {0, 1, 31, 32, 33, 63, 64, 65, 255, 256, 257}) expectExact(cloud, count);
+}
+
+// More than 65,535 workgroups of 64.
+TEST_F(NearestNeighbourTest, FourMillionQueriesTwice) {
+  const twin::Cloud cloud = maker_.onManyPrimitives(3000);
+  const auto trees = kernels_.buildTrees(twin::uploadShading(*device_, cloud.samples));
+  const twin::Samples queries = maker_.queries(cloud.samples, 4'300'000, true);
+  AaSamples aa = twin::uploadAa(*device_, queries);
+  kernels_.findNearest(*trees, aa);
+  const std::vector<uint32_t> first = twin::download(aa.shade);
+  kernels_.findNearest(*trees, aa);
+  EXPECT_TRUE(twin::download(aa.shade) == first);
+  const twin::NearestNeighbour expected(cloud.samples);
+  for (size_t i = 0; i < queries.keys.size(); i += 101) {
+    ASSERT_EQ(first[i], expected.find(queries.keys[i], queries.uv[i])) << i;
+  }
+}
+
+}  // namespace
+}  // namespace encore
