@@ -35,6 +35,7 @@ def render(stage: Usd.Stage, width: int = 64, height: int = 64, **settings: Any)
         height=height,
         camera=settings.pop("camera", ""),
         camera_light=settings.pop("camera_light", True),
+        time=Usd.TimeCode(stage.GetStartTimeCode()),
     )
     translation = RenderIndex(stage, options).sync()
     return _core.render(translation.scene, {**settings, "width": width, "height": height}, device())

@@ -5,6 +5,8 @@ namespace {
 
 // Bounds scratch memory. A multiple of the packet size, so that packets depend on the block alone.
 constexpr size_t kChunkRays = 4096;
+// Of the angle between a ray and the normal of the facet that it leaves.
+constexpr float kLeastCosine = 1e-3f;
 // Rays end short of the light, by a share of their length: what touches a light does not shadow it.
 constexpr float kShortOfLight = 1 - 1e-4f;
 
@@ -17,8 +19,11 @@ void ShadowRays::startVertex(const SurfacePoint& point, uint32_t vertex) {
 }
 
 void ShadowRays::add(Vec3f direction, float distance, Vec3f contribution) {
-  if (!(dot(outward_, direction) > 0)) return;
   if (contribution == Vec3f{} || !isFinite(contribution)) return;
+  // Light between the horizons of the shading and the geometric normal arrives along the nearest direction
+  // that leaves the surface: dropping it would darken smooth meshes towards their outlines.
+  const float up = dot(outward_, direction);
+  if (up < kLeastCosine) direction = normalize(direction + outward_ * (kLeastCosine - up));
   rays_.push_back({origin_, 0, direction, distance * kShortOfLight});
   contributions_.push_back(contribution);
   vertices_.push_back(vertex_);

@@ -17,7 +17,8 @@ class ShadowRays {
   // The rays that follow leave this point, on the side that it was seen from, and count for radiance[vertex].
   void startVertex(const SurfacePoint& point, uint32_t vertex);
   // radiance[vertex] += contribution, unless something lies between point and point + direction * distance.
-  // Light that comes from below the surface, carries nothing or is not finite is dropped without a ray.
+  // What carries nothing or is not finite is dropped without a ray. Directions below the facet, which a
+  // shading normal can allow, are tested just above it.
   void add(Vec3f direction, float distance, Vec3f contribution);
   // Ends the block: traces what is left. Packets never span blocks.
   void endBlock();

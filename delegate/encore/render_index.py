@@ -35,7 +35,8 @@ class SyncOptions:
 
     camera: path or name; empty: choose_camera() says which. purposes: of prims. material_purposes: of
     bindings, tried in order. width and height in pixels; without a height, the camera decides it.
-    camera_light: one along the view where there are no lights. strict: what is broken on the stage raises StageError.
+    camera_light: one along the view where there are no lights. strict: what is broken on the stage raises
+    StageError.
     """
 
     camera: str = ""

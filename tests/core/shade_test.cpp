@@ -307,8 +307,9 @@ TEST(Shade, TracedLobesShowLightsOfZeroExtentOnly) {
   EXPECT_EQ(world.shadeOne(kFrom, kDown), (Vec3f{}));
 }
 
-TEST(Shade, NoLightFromBelowTheSurface) {
-  // Shading normals lean by 60 degrees: the light is above their horizon, but below the surface.
+TEST(Shade, LightArrivesDownToTheHorizonOfTheShadingNormal) {
+  // Shading normals lean by 60 degrees: the light is above their horizon, but below the facet. On a smooth mesh
+  // that is the curvature which the facet has lost.
   World world;
   DicedMesh ground;
   test::addQuad(ground, {-5, -5, 0}, {5, -5, 0}, {5, 5, 0}, {-5, 5, 0});
@@ -317,10 +318,17 @@ TEST(Shade, NoLightFromBelowTheSurface) {
   world.stage.add(ground);
   Light& sun = world.addLight(Light::Kind::Distant);
   sun.direction = normalize(Vec3f{-1, 0, 0.2f});
-  EXPECT_EQ(world.shadeOne(kFrom, kDown), (Vec3f{}));
-  EXPECT_EQ(world.rays, 0u);
+  const float below = world.shadeOne(kFrom, kDown).x;
+  EXPECT_GT(below, 0);
   sun.direction = normalize(Vec3f{-1, 0, -0.2f});
-  EXPECT_GT(world.shadeOne(kFrom, kDown).x, 0);
+  const float above = world.shadeOne(kFrom, kDown).x;
+  const auto cosine = [&](float z) { return dot(normalize(Vec3f{1, 0, z}), Vec3f{s, 0, 0.5f}); };
+  EXPECT_NEAR(below / above, cosine(-0.2f) / cosine(0.2f), 1e-5f);
+  // Below both horizons there is none, and no ray asks.
+  const uint64_t rays = world.rays;
+  sun.direction = normalize(Vec3f{1, 0, 1});
+  EXPECT_EQ(world.shadeOne(kFrom, kDown), (Vec3f{}));
+  EXPECT_EQ(world.rays, rays);
 }
 
 TEST(Shade, VaryingInputsAreEvaluatedPerVertex) {

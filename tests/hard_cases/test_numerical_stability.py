@@ -66,8 +66,10 @@ def test_mirrored_instance_is_the_mirror_image() -> None:
         stage.RemovePrim("/World/Camera")
         add_camera(stage, (0, 2, 3), (0, 0.4, 0), 0.4)
         images.append(render(stage, 48, 48, **{**SETTINGS, "occlusion_samples": 32})["composite"])
-    difference = np.abs(images[0] - images[1][:, ::-1]).mean()
-    assert difference < 0.01 * images[0].mean()
+    # Random numbers differ, so compare means over 4 × 4 pixels.
+    blocks = [image.reshape(12, 4, 12, 4, 3).mean(axis=(1, 3)) for image in (images[0], images[1][:, ::-1])]
+    assert np.abs(blocks[0] - blocks[1]).max() < 0.06 * blocks[0].max()
+    assert np.abs(blocks[0] - blocks[1]).mean() < 0.006 * blocks[0].mean()
 
 
 def test_zero_area_and_needle_faces_do_no_harm() -> None:

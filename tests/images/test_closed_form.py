@@ -32,17 +32,20 @@ def look_down(stage, height: float = 4.0, half_tangent: float = 0.5) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_white_diffuse_furnace_stays_white(method: str) -> None:
+@pytest.mark.parametrize("shape", ["smooth polygons", "subdivision surface", "facets"])
+def test_white_diffuse_furnace_stays_white(method: str, shape: str) -> None:
+    """Convex, so that nothing of it is hidden from the dome."""
     stage = new_stage()
     add_dome(stage)
     white = add_material(stage, "White", diffuseColor=(1.0, 1.0, 1.0))
-    ball = UsdGeom.Sphere.Define(stage, "/World/Ball")
-    bind(ball, white)
-    cage = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
-    faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    cube = add_mesh(stage, "/World/Cube", cage, faces, white, "catmullClark")
-    UsdGeom.Xformable(cube).AddTranslateOp().Set((3.5, 0, 0))
-    add_camera(stage, (1.75, 0.5, 8), (1.75, 0, 0), 0.6)
+    if shape == "smooth polygons":
+        bind(UsdGeom.Sphere.Define(stage, "/World/Ball"), white)
+    else:
+        cage = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+        faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+        scheme = "none" if shape == "facets" else "catmullClark"
+        add_mesh(stage, "/World/Cube", cage, faces, white, scheme)
+    add_camera(stage, (0.6, 0.9, 4), (0, 0, 0), 0.5)
     image = render(stage, 48, 48, method=method, samples=3, occlusion_samples=4, dome_light_visible=True)
     np.testing.assert_allclose(image["composite"], 1.0, atol=2e-6)
     assert (image["normal"] != 0).any(axis=-1).mean() > 0.15

@@ -1,0 +1,128 @@
+"""Types of the extension module (core/python); its docstrings say what everything means."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+_Floats = npt.NDArray[np.float32]
+_Doubles = npt.NDArray[np.float64]
+_Ints = npt.NDArray[np.int32]
+_Primvar = tuple[str, _Floats, _Ints | None]
+_Texcoord = tuple[str, str, _Floats, _Ints | None]
+_Triple = tuple[float, float, float]
+
+class Error(Exception):
+    kind: str
+    where: str
+    remedy: str
+
+class Scene:
+    def __init__(self) -> None: ...
+    def add_mesh(
+        self,
+        path: str,
+        points: _Floats,
+        face_vertex_counts: _Ints,
+        face_vertex_indices: _Ints,
+        *,
+        scheme: str = "catmullClark",
+        interpolate_boundary: str = "edgeAndCorner",
+        face_varying: str = "cornersPlus1",
+        triangle_subdivision: str = "catmullClark",
+        left_handed: bool = False,
+        double_sided: bool = False,
+        hole_indices: _Ints | None = None,
+        corner_indices: _Ints | None = None,
+        corner_sharpnesses: _Floats | None = None,
+        crease_indices: _Ints | None = None,
+        crease_lengths: _Ints | None = None,
+        crease_sharpnesses: _Floats | None = None,
+        normals: _Primvar | None = None,
+        display_color: _Primvar | None = None,
+        texcoords: Sequence[_Texcoord] = (),
+        face_materials: _Ints | None = None,
+        material: int = 0,
+        target_edge_length_world: float = 0.0,
+        shading_rate: float = 0.0,
+    ) -> int: ...
+    def add_prototype(self, path: str, meshes: Sequence[int]) -> int: ...
+    def add_instance(self, path: str, prototype: int, matrix: _Doubles, material: int = -1) -> int: ...
+    def add_instances(
+        self,
+        path: str,
+        prototype: int,
+        matrices: _Doubles,
+        ids: npt.NDArray[np.int64] | None = None,
+        material: int = -1,
+    ) -> int: ...
+    def add_texture(self, path: str, pixels: _Floats) -> int: ...
+    def add_material(
+        self,
+        path: str,
+        inputs: Mapping[str, Any] = ...,
+        nodes: Sequence[Mapping[str, Any]] = ...,
+        use_specular_workflow: bool = False,
+        opacity_threshold: float = 0.0,
+    ) -> int: ...
+    def add_light(
+        self,
+        kind: str,
+        path: str,
+        radiance: _Triple,
+        *,
+        diffuse: float = 1.0,
+        specular: float = 1.0,
+        direction: _Triple = ...,
+        angle_radians: float = 0.0,
+        centre: _Triple = ...,
+        half_u: _Triple = ...,
+        half_v: _Triple = ...,
+        radius: float = 0.5,
+    ) -> int: ...
+    def set_camera(
+        self,
+        path: str,
+        matrix: _Doubles,
+        half_tangent: tuple[float, float],
+        centre_tangent: tuple[float, float] = ...,
+        near_clip: float = 0.0,
+        far_clip: float = 1e30,
+    ) -> None: ...
+    @property
+    def mesh_count(self) -> int: ...
+    @property
+    def prototype_count(self) -> int: ...
+    @property
+    def instance_count(self) -> int: ...
+    @property
+    def texture_count(self) -> int: ...
+    @property
+    def material_count(self) -> int: ...
+    @property
+    def light_count(self) -> int: ...
+    def mesh(self, index: int) -> dict[str, Any]: ...
+    def prototype(self, index: int) -> dict[str, Any]: ...
+    def instance(self, index: int) -> dict[str, Any]: ...
+    def texture(self, index: int) -> dict[str, Any]: ...
+    def material(self, index: int) -> dict[str, Any]: ...
+    def light(self, index: int) -> dict[str, Any]: ...
+    @property
+    def camera(self) -> dict[str, Any]: ...
+    def validate(self) -> None: ...
+
+class Device:
+    @property
+    def info(self) -> dict[str, Any]: ...
+
+def devices() -> list[dict[str, Any]]: ...
+def create_device(select: str = "", validation: bool = False) -> Device: ...
+def default_settings() -> dict[str, Any]: ...
+def versions() -> dict[str, str]: ...
+def render(
+    scene: Scene,
+    settings: Mapping[str, Any],
+    device: Device | None = None,
+    progress: Callable[[float, str], bool] | None = None,
+) -> dict[str, Any]: ...
