@@ -86,9 +86,8 @@ void SharedEdges::visitOwnedEdges(int32_t face, const LimitSurface& surface, con
   }
   if (!topology_.isSplit(face)) return;
   for (int32_t k = 0; k < edges.size(); ++k)
-    visit(inner_first_[face] + uint32_t(k), [&](double t) {
-      return position([&](double* p) { surface.evaluate(k, {1, t}, p); });
-    });
+    visit(inner_first_[face] + uint32_t(k),
+          [&](double t) { return position([&](double* p) { surface.evaluate(k, {1, t}, p); }); });
 }
 
 }  // namespace encore

@@ -74,14 +74,10 @@ void quadTriangles(const Tessellation& t, const TessellationLines& lines, Indice
   const auto strip = [&](int side, uint32_t count, const auto& index, const auto& at) {
     zip(sideRow(t, lines, side), Row(count, index, at), out);
   };
-  strip(
-      0, columns, [&](uint32_t k) { return lattice(k, 0); }, up(lines.u));
-  strip(
-      1, rows, [&](uint32_t k) { return lattice(columns - 1, k); }, up(lines.v));
-  strip(
-      2, columns, [&](uint32_t k) { return lattice(columns - 1 - k, rows - 1); }, down(lines.u));
-  strip(
-      3, rows, [&](uint32_t k) { return lattice(0, rows - 1 - k); }, down(lines.v));
+  strip(0, columns, [&](uint32_t k) { return lattice(k, 0); }, up(lines.u));
+  strip(1, rows, [&](uint32_t k) { return lattice(columns - 1, k); }, up(lines.v));
+  strip(2, columns, [&](uint32_t k) { return lattice(columns - 1 - k, rows - 1); }, down(lines.u));
+  strip(3, rows, [&](uint32_t k) { return lattice(0, rows - 1 - k); }, down(lines.v));
   for (uint32_t j = 0; j + 1 < rows; ++j)
     for (uint32_t i = 0; i + 1 < columns; ++i) {
       emit(out, lattice(i, j), lattice(i + 1, j), lattice(i + 1, j + 1));
@@ -119,20 +115,11 @@ void triangleTriangles(const Tessellation& t, const TessellationLines& lines, In
   // The lattice's line beside a side starts and ends half a segment further in.
   const auto at = [m](uint32_t k) { return (k + 1.5) / m; };
   std::array<size_t, 4> strip{};
-  zip(sideRow(t, lines, 0),
-      Row(
-          m - 2, [&](uint32_t k) { return lattice(1 + k, 1); }, at),
-      out);
+  zip(sideRow(t, lines, 0), Row(m - 2, [&](uint32_t k) { return lattice(1 + k, 1); }, at), out);
   strip[1] = out.size();
-  zip(sideRow(t, lines, 1),
-      Row(
-          m - 2, [&](uint32_t k) { return lattice(m - 2 - k, 1 + k); }, at),
-      out);
+  zip(sideRow(t, lines, 1), Row(m - 2, [&](uint32_t k) { return lattice(m - 2 - k, 1 + k); }, at), out);
   strip[2] = out.size();
-  zip(sideRow(t, lines, 2),
-      Row(
-          m - 2, [&](uint32_t k) { return lattice(1, m - 2 - k); }, at),
-      out);
+  zip(sideRow(t, lines, 2), Row(m - 2, [&](uint32_t k) { return lattice(1, m - 2 - k); }, at), out);
   strip[3] = out.size();
   for (int corner = 0; corner < 3; ++corner)
     turnDiagonal(t, corner, strip[corner], strip[corner == 0 ? 3 : corner] - 3, out);

@@ -215,10 +215,7 @@ void bindRender(nb::module_& module) {
       },
       "Dictionaries that describe the Vulkan devices of this machine, in the order of their indices.");
   module.def(
-      "create_device",
-      [](const std::string& select, bool validation) {
-        return Device::create({select, validation});
-      },
+      "create_device", [](const std::string& select, bool validation) { return Device::create({select, validation}); },
       nb::arg("select") = "", nb::arg("validation") = false,
       "A device by name (part of it) or index; '': $ENCORE_DEVICE, else the best. Raises Error (kind 'device').");
   module.def(

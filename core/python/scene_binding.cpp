@@ -281,8 +281,7 @@ void bindReading(nb::class_<Scene>& scene) {
   scene.def_prop_ro("texture_count", [](const Scene& s) { return s.textures.size(); });
   scene.def_prop_ro("material_count", [](const Scene& s) { return s.materials.size(); });
   scene.def_prop_ro("light_count", [](const Scene& s) { return s.lights.size(); });
-  scene.def(
-      "mesh", [](const Scene& s, size_t i) { return readMesh(at(s.meshes, i)); }, nb::arg("index"));
+  scene.def("mesh", [](const Scene& s, size_t i) { return readMesh(at(s.meshes, i)); }, nb::arg("index"));
   scene.def(
       "prototype",
       [](const Scene& s, size_t i) {
@@ -292,14 +291,10 @@ void bindReading(nb::class_<Scene>& scene) {
         return d;
       },
       nb::arg("index"));
-  scene.def(
-      "instance", [](const Scene& s, size_t i) { return readInstance(at(s.instances, i)); }, nb::arg("index"));
-  scene.def(
-      "texture", [](const Scene& s, size_t i) { return readTexture(at(s.textures, i)); }, nb::arg("index"));
-  scene.def(
-      "material", [](const Scene& s, size_t i) { return readMaterial(at(s.materials, i)); }, nb::arg("index"));
-  scene.def(
-      "light", [](const Scene& s, size_t i) { return readLight(at(s.lights, i)); }, nb::arg("index"));
+  scene.def("instance", [](const Scene& s, size_t i) { return readInstance(at(s.instances, i)); }, nb::arg("index"));
+  scene.def("texture", [](const Scene& s, size_t i) { return readTexture(at(s.textures, i)); }, nb::arg("index"));
+  scene.def("material", [](const Scene& s, size_t i) { return readMaterial(at(s.materials, i)); }, nb::arg("index"));
+  scene.def("light", [](const Scene& s, size_t i) { return readLight(at(s.lights, i)); }, nb::arg("index"));
   scene.def_prop_ro("camera", [](const Scene& s) { return readCamera(s.camera); });
 }
 

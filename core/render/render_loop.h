@@ -16,10 +16,10 @@ namespace encore {
 
 // Table 1's columns, for one layer or for all.
 struct LayerStatistics {
-  uint64_t shading_evaluations = 0;    // reshading included
+  uint64_t shading_evaluations = 0;  // reshading included
   uint64_t reshading_evaluations = 0;
-  uint64_t failed_samples = 0;         // antialiasing samples that found no neighbour
-  uint64_t antialiasing_samples = 0;   // with a surface to shade
+  uint64_t failed_samples = 0;        // antialiasing samples that found no neighbour
+  uint64_t antialiasing_samples = 0;  // with a surface to shade
   double trace_s = 0, shade_s = 0, reuse_s = 0, film_s = 0;
 };
 

@@ -23,10 +23,18 @@ NearestNeighbour::NearestNeighbour(Device& device, Walk walk)
 
 void NearestNeighbour::record(Commands& commands, const Trees& trees, AaSamples& aa) {
   const bool grouped = walk_ == Walk::kGrouped;
-  const Arguments arguments{trees.primitives.address(), trees.table.address(), trees.nodes.address(),
-                            trees.lowest_ids.address(), trees.points.address(), trees.ids.address(),
-                            aa.key.address(),           aa.uv.address(),        aa.shade.address(),
-                            aa.count,                   uint32_t(trees.table.size()), grouped};
+  const Arguments arguments{trees.primitives.address(),
+                            trees.table.address(),
+                            trees.nodes.address(),
+                            trees.lowest_ids.address(),
+                            trees.points.address(),
+                            trees.ids.address(),
+                            aa.key.address(),
+                            aa.uv.address(),
+                            aa.shade.address(),
+                            aa.count,
+                            uint32_t(trees.table.size()),
+                            grouped};
   if (grouped) commands.dispatch(grouped_, groupsFor(aa.count, kLocalSize * kRounds), arguments);
   commands.dispatch(single_, groupsFor(aa.count, kLocalSize), arguments);
 }

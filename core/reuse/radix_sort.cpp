@@ -113,8 +113,9 @@ std::array<uint32_t, 2> RadixSort::varyingBits(uint32_t result) {
 // Equal shares of the bits for as few passes as the largest digit allows.
 void RadixSort::recordBy(Commands& commands, uint32_t count, SortWord word, BitRange bits) {
   if (count == 0 || bits.count == 0) return;
-  commands.dispatch(gather_, groupsFor(count, kLocalSize),
-                    GatherArguments{word.address, values(), keys_[current_].address(), count, word.stride, word.offset});
+  commands.dispatch(
+      gather_, groupsFor(count, kLocalSize),
+      GatherArguments{word.address, values(), keys_[current_].address(), count, word.stride, word.offset});
   const Runs runs = runsOf(count);
   const uint64_t groups = groupsFor(runs.count, kLocalSize);
   const uint64_t counters = counters_.address();

@@ -85,8 +85,7 @@ TreeBuilder::TreeBuilder(Device& device, Scan& scan, RadixSort& sort, KeyTable& 
 // has more than 8 samples, more than 4 per leaf, and two nodes per leaf (one unused): fewer than n / 2 nodes.
 uint64_t TreeBuilder::treeBytes(uint64_t samples) {
   return samples * (sizeof(Vec2f) + sizeof(uint32_t) + sizeof(TreePrimitive)) +
-         KeyTable::capacityFor(samples) * sizeof(uint32_t) +
-         samples / 2 * (sizeof(TreeNode) + sizeof(uint32_t));
+         KeyTable::capacityFor(samples) * sizeof(uint32_t) + samples / 2 * (sizeof(TreeNode) + sizeof(uint32_t));
 }
 
 uint64_t TreeBuilder::scratchBytes(uint64_t samples) {
@@ -120,8 +119,7 @@ uint32_t TreeBuilder::sortByPrimitive(const ShadingSamples& samples) {
   const uint32_t count = samples.count;
   const uint64_t keys = samples.key.address(), points = points_.address();
   Commands commands(device_);
-  commands.dispatch(points_kernel_, groupsFor(count, kLocalSize),
-                    PointsArguments{samples.uv.address(), points, count});
+  commands.dispatch(points_kernel_, groupsFor(count, kLocalSize), PointsArguments{samples.uv.address(), points, count});
   sort_.recordVaryingBits(commands, keys, count, 0);
   sort_.recordVaryingBits(commands, points, count, 1);
   commands.run();
@@ -149,13 +147,13 @@ TreeBuilder::Totals TreeBuilder::shape(const ShadingSamples& samples, Trees& tre
   slab_starts_.reserve(device_, size_t(primitives) + 1, "tree scratch slab starts");
   const uint64_t order = sort_.values();
   Commands commands(device_);
-  commands.dispatch(primitives_kernel_, groupsFor(count, kLocalSize),
-                    PrimitivesArguments{samples.key.address(), order, heads_.address(), trees.primitives.address(),
-                                        count});
+  commands.dispatch(
+      primitives_kernel_, groupsFor(count, kLocalSize),
+      PrimitivesArguments{samples.key.address(), order, heads_.address(), trees.primitives.address(), count});
   commands.fill(ranges_.raw(), 0xffffffffu);
-  commands.dispatch(extents_kernel_, groupsFor(groupsFor(count, kExtentsRunLength), kLocalSize),
-                    ExtentsArguments{points_.address(), order, heads_.address(), ranges_.address(), count,
-                                     kExtentsRunLength});
+  commands.dispatch(
+      extents_kernel_, groupsFor(groupsFor(count, kExtentsRunLength), kLocalSize),
+      ExtentsArguments{points_.address(), order, heads_.address(), ranges_.address(), count, kExtentsRunLength});
   commands.fill(totals_.raw(), 0);
   const uint64_t groups = groupsFor(uint64_t(primitives) + 1, kLocalSize);
   commands.dispatch(shape_kernel_, groups,
@@ -185,8 +183,8 @@ void TreeBuilder::fillTrees(const Totals& totals, Trees& trees) {
   Commands commands(device_);
   const uint64_t groups = groupsFor(count, kLocalSize);
   commands.dispatch(slabs_kernel_, groups,
-                    SlabsArguments{sort_.values(), heads_.address(), trees.primitives.address(),
-                                   slab_starts_.address(), slab_of_.address(), count});
+                    SlabsArguments{sort_.values(), heads_.address(), trees.primitives.address(), slab_starts_.address(),
+                                   slab_of_.address(), count});
   sort_.recordStart(commands, count, by_v_.address());
   sort_.recordBy(commands, count, {slab_of_.address(), 1, 0}, {0, uint32_t(std::bit_width(totals.slabs - 1))});
   commands.dispatch(reorder_kernel_, groups,

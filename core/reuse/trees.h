@@ -65,8 +65,8 @@ class TreeBuilder {
   KeyTable& table_;
   Kernel points_kernel_, heads_kernel_, primitives_kernel_, extents_kernel_, shape_kernel_, layout_kernel_,
       slabs_kernel_, reorder_kernel_, leaves_kernel_, merge_kernel_;
-  Buffer<Vec2f> points_;                         // by sample id, in the unit square
-  Buffer<uint32_t> by_v_, heads_, slab_of_;      // per sample
+  Buffer<Vec2f> points_;                                 // by sample id, in the unit square
+  Buffer<uint32_t> by_v_, heads_, slab_of_;              // per sample
   Buffer<uint32_t> ranges_, node_starts_, slab_starts_;  // per primitive
   Buffer<uint32_t> leaf_primitive_, totals_;
 };

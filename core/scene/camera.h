@@ -12,7 +12,7 @@ namespace encore {
 // (centre.x + x * half.x, centre.y + y * half.y, -1).
 struct Camera {
   std::string path;
-  Affine3d to_world;          // rigid or not: directions are normalized after the transform
+  Affine3d to_world;  // rigid or not: directions are normalized after the transform
   Vec2f half_tangent{0.5f, 0.5f};
   Vec2f centre_tangent{0, 0};  // aperture offsets
   float near_clip = 0;         // distance along -Z, world units

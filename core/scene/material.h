@@ -26,8 +26,8 @@ struct PatternNode {
     DisplayColor,  // primvar displayColor of the mesh, rgb
   };
   Kind kind = Kind::Texture;
-  std::string path;           // prim path of the shader, for messages
-  int32_t texture = -1;       // index into Scene::textures; -1: the fallback everywhere
+  std::string path;             // prim path of the shader, for messages
+  int32_t texture = -1;         // index into Scene::textures; -1: the fallback everywhere
   std::string texcoord = "st";  // name of the texture coordinate primvar
   // st' = rows * (s, t, 1): what UsdTransform2d and the texture's own conventions come to.
   std::array<float, 6> st_transform{1, 0, 0, 0, 1, 0};

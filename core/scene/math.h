@@ -126,9 +126,7 @@ Affine3<T> inverse(const Affine3<T>& m) {
   return i;
 }
 
-inline Affine3f toFloat(const Affine3d& m) {
-  return {toFloat(m.ex), toFloat(m.ey), toFloat(m.ez), toFloat(m.origin)};
-}
+inline Affine3f toFloat(const Affine3d& m) { return {toFloat(m.ex), toFloat(m.ey), toFloat(m.ez), toFloat(m.origin)}; }
 
 // Two unit vectors that with the unit vector n form a right-handed basis (t, b, n).
 // Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 2017.

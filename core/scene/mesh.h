@@ -47,8 +47,8 @@ struct Mesh {
   std::vector<int32_t> crease_lengths;
   std::vector<float> crease_sharpnesses;  // one per crease, or one per edge of every crease
 
-  Primvar<Vec3f> normals;               // used only where scheme is None
-  Primvar<Vec3f> display_color;         // linear working space
+  Primvar<Vec3f> normals;                 // used only where scheme is None
+  Primvar<Vec3f> display_color;           // linear working space
   std::vector<Primvar<Vec2f>> texcoords;  // by name; a material asks for one by name
 
   // Material of every base face: empty (all faces use material), or one index per face; -1: material.

@@ -13,9 +13,9 @@ namespace encore {
 // What a stream of random numbers is for. Streams of different use are independent.
 enum class RandomUse : uint32_t {
   FilmPosition = 1,
-  Seed,        // positions of the shading rays
-  Lobe,        // which lobe is followed, and where to
-  Light,       // points on lights; add the light's index times kLightStride
+  Seed,   // positions of the shading rays
+  Lobe,   // which lobe is followed, and where to
+  Light,  // points on lights; add the light's index times kLightStride
   Occlusion,
 };
 

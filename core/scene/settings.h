@@ -12,16 +12,16 @@ enum class FilterKind { Box, Gaussian, Mitchell, BlackmanHarris };
 struct Settings {
   Method method = Method::Reuse;
   uint32_t width = 960, height = 540;
-  uint32_t samples = 8;         // samples × samples antialiasing samples per pixel
-  float shading_rate = 2;       // shading samples per pixel per layer (the paper's shading_rate)
-  uint32_t max_bounces = 4;     // mirror, glossy and refractive bounces after the first hit
+  uint32_t samples = 8;      // samples × samples antialiasing samples per pixel
+  float shading_rate = 2;    // shading samples per pixel per layer (the paper's shading_rate)
+  uint32_t max_bounces = 4;  // mirror, glossy and refractive bounces after the first hit
   FilterKind filter = FilterKind::BlackmanHarris;
   float filter_radius_pixels = 1.5f;
   float target_edge_length_world = 0;  // of meshes without their own; 0: from each mesh's size
   float edge_length_scale = 1;         // of the lengths above, not of meshes' own lengths (--complexity)
   uint64_t max_micropolygons = 100'000'000;
-  uint32_t light_samples = 16;       // rays per area light and shade
-  uint32_t occlusion_samples = 64;   // rays per dome light and shade
+  uint32_t light_samples = 16;      // rays per area light and shade
+  uint32_t occlusion_samples = 64;  // rays per dome light and shade
   uint32_t seed = 0;
   uint32_t reuse_tile_pixels = 512;  // a multiple of kBlockPixels
   uint64_t memory_budget_bytes = 0;  // samples, trees and film; 0: from the device

@@ -13,7 +13,8 @@ namespace encore {
 
 // Integers in full, floating-point numbers as briefly as still tells neighbours apart to six digits.
 template <class T>
-requires std::is_arithmetic_v<T> std::string text(T value) {
+  requires std::is_arithmetic_v<T>
+std::string text(T value) {
   if constexpr (std::is_integral_v<T>) {
     return std::to_string(value);
   } else {

@@ -1,9 +1,10 @@
 // Compaction against its twin.
+#include "core/reuse/compaction.h"
+
 #include <gtest/gtest.h>
 
 #include <random>
 
-#include "core/reuse/compaction.h"
 #include "tests/core/twins/compaction_twin.h"
 #include "tests/core/twins/reuse_buffers.h"
 

@@ -212,9 +212,8 @@ TEST(Dice, HolesHaveNoPrimitives) {
   for (const Vec3f p : whole.positions) known.insert({p.x, p.y, p.z});
   for (const Vec3f p : holed.positions) {
     const auto near = known.lower_bound({p.x - 1e-5f, -9, -9});
-    EXPECT_TRUE(std::any_of(near, known.end(), [&](const auto& q) {
-      return length(Vec3f{q[0], q[1], q[2]} - p) < 1e-5f;
-    }));
+    EXPECT_TRUE(
+        std::any_of(near, known.end(), [&](const auto& q) { return length(Vec3f{q[0], q[1], q[2]} - p) < 1e-5f; }));
   }
   EXPECT_GT(openEdges(holed), 0u);
 }

@@ -1,10 +1,11 @@
 // The hash table of keys against its twin, a map.
+#include "core/reuse/key_table.h"
+
 #include <gtest/gtest.h>
 
 #include <random>
 #include <set>
 
-#include "core/reuse/key_table.h"
 #include "tests/core/twins/key_table_twin.h"
 #include "tests/core/twins/reuse_buffers.h"
 

@@ -1,7 +1,8 @@
 // Nearest neighbours against brute force: the same id for every query, whatever the samples.
+#include "core/reuse/nearest_neighbour.h"
+
 #include <gtest/gtest.h>
 
-#include "core/reuse/nearest_neighbour.h"
 #include "core/reuse/trees.h"
 #include "tests/core/twins/nearest_neighbour_twin.h"
 #include "tests/core/twins/reuse_buffers.h"

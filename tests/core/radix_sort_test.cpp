@@ -1,11 +1,12 @@
 // Stable radix sort against its twin: sizes, distributions, bit ranges, keys of two words.
+#include "core/reuse/radix_sort.h"
+
 #include <gtest/gtest.h>
 
 #include <array>
 #include <functional>
 #include <random>
 
-#include "core/reuse/radix_sort.h"
 #include "core/scene/error.h"
 #include "tests/core/twins/radix_sort_twin.h"
 #include "tests/core/twins/reuse_buffers.h"
@@ -115,8 +116,11 @@ TEST_F(RadixSortTest, FindsVaryingBits) {
 }
 
 TEST(BitRangeTest, SpansTheBitsThatAreSet) {
-  for (const auto& [mask, first, count] : {std::array{0u, 0u, 0u}, {1u, 0u, 1u}, {0x80000000u, 31u, 1u},
-                                           {0xffffffffu, 0u, 32u}, {0x00100800u, 11u, 10u}}) {
+  for (const auto& [mask, first, count] : {std::array{0u, 0u, 0u},
+                                           {1u, 0u, 1u},
+                                           {0x80000000u, 31u, 1u},
+                                           {0xffffffffu, 0u, 32u},
+                                           {0x00100800u, 11u, 10u}}) {
     EXPECT_EQ(bitRangeOf(mask).first, first) << mask;
     EXPECT_EQ(bitRangeOf(mask).count, count) << mask;
   }

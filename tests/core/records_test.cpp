@@ -79,10 +79,8 @@ TEST(Records, HaveTheSameBytesInGlsl) {
   expectBytes(points, pointRecord, "PatternPoint");
   expectBytes(shadings, shadingRecord, "ShadingInputs");
   expectBytes(paths, pathRecord, "PathInputs");
-  expectBytes(
-      vectors2, [](uint32_t n) { return pair(float(n)); }, "vec2");
-  expectBytes(
-      vectors3, [](uint32_t n) { return triple(float(n)); }, "vec3");
+  expectBytes(vectors2, [](uint32_t n) { return pair(float(n)); }, "vec2");
+  expectBytes(vectors3, [](uint32_t n) { return triple(float(n)); }, "vec3");
   constants.toHost();
   const uint32_t expected[] = {kBlockPixels, kBlockArea, kNoInstance, kShadeNotFound, kShadeNone};
   for (size_t i = 0; i < std::size(expected); ++i) EXPECT_EQ(constants.host()[i], expected[i]) << i;

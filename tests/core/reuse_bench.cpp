@@ -108,9 +108,10 @@ void benchPrimitives(Device& device, const char* name, double side, bool details
   };
   fail();
   const double serve = medianSeconds(fail);
-  std::printf("\"%s\": {\"build_m_samples_per_s\": %.1f, \"nearest_m_samples_per_s\": %.1f, "
-              "\"failures_m_samples_per_s\": %.1f}",
-              name, samples.count / build * 1e-6, aa.count / find * 1e-6, aa.count / serve * 1e-6);
+  std::printf(
+      "\"%s\": {\"build_m_samples_per_s\": %.1f, \"nearest_m_samples_per_s\": %.1f, "
+      "\"failures_m_samples_per_s\": %.1f}",
+      name, samples.count / build * 1e-6, aa.count / find * 1e-6, aa.count / serve * 1e-6);
   if (!details) return;
   std::fprintf(stderr, "%s, seconds on the device:\n", name);
   for (const auto& [kernel, timing] : device.timings()) {

@@ -1,9 +1,10 @@
 // Exclusive scan against its twin, at sizes around its runs and beyond 128 MiB.
+#include "core/reuse/scan.h"
+
 #include <gtest/gtest.h>
 
 #include <random>
 
-#include "core/reuse/scan.h"
 #include "core/scene/error.h"
 #include "tests/core/twins/reuse_buffers.h"
 #include "tests/core/twins/scan_twin.h"
@@ -34,8 +35,8 @@ std::vector<uint32_t> randomWords(size_t count, uint32_t mask) {
 }
 
 TEST_F(ScanTest, AgreesWithTwinAtAllSizes) {
-  const size_t sizes[] = {0, 1, 2, 63, 64, 65, 503, 504, 505, 1007, 1008, 1009, 504 * 504 - 1, 504 * 504, 504 * 504 + 1,
-                          1'000'000};
+  const size_t sizes[] = {
+      0, 1, 2, 63, 64, 65, 503, 504, 505, 1007, 1008, 1009, 504 * 504 - 1, 504 * 504, 504 * 504 + 1, 1'000'000};
   for (const size_t size : sizes) {
     const std::vector<uint32_t> words = randomWords(size, 0xff);
     EXPECT_EQ(scanned(words), twin::exclusiveScan(words)) << size;

@@ -93,8 +93,7 @@ void expectErrors(const T& valid, ErrorKind kind, const std::function<void(const
 }
 
 void expectMeshErrors(const std::vector<Breakage<Mesh>>& breakages) {
-  expectErrors<Mesh>(
-      twoQuads(), ErrorKind::Scene, [](const Mesh& mesh) { validateMesh(mesh, 1); }, breakages);
+  expectErrors<Mesh>(twoQuads(), ErrorKind::Scene, [](const Mesh& mesh) { validateMesh(mesh, 1); }, breakages);
 }
 
 TEST(ValidateMesh, AcceptsWhatIsValid) {
@@ -156,9 +155,7 @@ TEST(ValidateMesh, NamesBadPrimvars) {
       {[](Mesh& m) { m.texcoords[0].indices[4] = 2; }, {"primvars:st:indices", "index 2 at 4", "values number 2"}},
       {[](Mesh& m) { m.texcoords[0].values.clear(); }, {"primvars:st:indices", "values number 0"}},
       {[](Mesh& m) { m.texcoords[0].values[1].x = kNan; }, {"primvars:st", "(nan, 1) at 1"}},
-      {[](Mesh& m) {
-         m.normals = {"normals", Interpolation::Varying, std::vector<Vec3f>(5), {}};
-       },
+      {[](Mesh& m) { m.normals = {"normals", Interpolation::Varying, std::vector<Vec3f>(5), {}}; },
        {"/world/quads.normals", "5 elements", "varying", "ask for 6"}},
   });
 }
@@ -176,8 +173,7 @@ TEST(ValidateMesh, NamesBadMaterialsAndSettings) {
 }
 
 void expectSceneErrors(const std::vector<Breakage<Scene>>& breakages) {
-  expectErrors<Scene>(
-      validScene(), ErrorKind::Scene, [](const Scene& scene) { scene.validate(); }, breakages);
+  expectErrors<Scene>(validScene(), ErrorKind::Scene, [](const Scene& scene) { scene.validate(); }, breakages);
 }
 
 TEST(ValidateScene, AcceptsWhatIsValid) {
@@ -195,18 +191,9 @@ TEST(ValidateScene, NamesBadPlacement) {
       {[](Scene& s) { s.instances[0].prototype = 1; }, {"/world/quads", "index 1", "prototypes number 1"}},
       {[](Scene& s) { s.prototypes[0].meshes = {7}; }, {"/world/quads", "index 7", "meshes number 1"}},
       {[](Scene& s) { s.instances[0].material = 1; }, {"/world/quads.material:binding", "materials number 1"}},
-      {[](Scene& s) {
-         s.instances[0].to_world.ey = {0, 0, 0};
-       },
-       {"/world/quads.xformOp:transform", "inverted"}},
-      {[](Scene& s) {
-         s.instances[0].to_world.ey = {2, 0, 0};
-       },
-       {"/world/quads.xformOp:transform", "inverted"}},
-      {[](Scene& s) {
-         s.instances[0].to_world = {{1e-20, 0, 0}, {0, 1e-20, 0}, {1e-20, 1e-20, 0}, {}};
-       },
-       {"inverted"}},
+      {[](Scene& s) { s.instances[0].to_world.ey = {0, 0, 0}; }, {"/world/quads.xformOp:transform", "inverted"}},
+      {[](Scene& s) { s.instances[0].to_world.ey = {2, 0, 0}; }, {"/world/quads.xformOp:transform", "inverted"}},
+      {[](Scene& s) { s.instances[0].to_world = {{1e-20, 0, 0}, {0, 1e-20, 0}, {1e-20, 1e-20, 0}, {}}; }, {"inverted"}},
       {[](Scene& s) { s.instances[0].to_world.origin.x = double(kNan); }, {"xformOp:transform", "nan", "not finite"}},
       {[](Scene& s) { s.meshes[0].points[0].x = kNan; }, {"/world/quads.points", "at 0"}},
       {[](Scene& s) { s.materials.clear(); }, {"no material"}},
@@ -217,10 +204,7 @@ TEST(ValidateScene, WantsAPlacedFace) {
   expectSceneErrors({
       {[](Scene& s) { s.instances.clear(); }, {"no renderable prim"}},
       {[](Scene& s) { s.prototypes[0].meshes.clear(); }, {"no renderable prim"}},
-      {[](Scene& s) {
-         s.meshes[0].hole_indices = {0, 1, 0};
-       },
-       {"no renderable prim"}},
+      {[](Scene& s) { s.meshes[0].hole_indices = {0, 1, 0}; }, {"no renderable prim"}},
       {[](Scene& s) { s.meshes = {Mesh{}}; }, {"no renderable prim"}},
   });
 }
@@ -245,22 +229,14 @@ TEST(ValidateScene, NamesBadMaterialsAndTextures) {
 TEST(ValidateScene, NamesBadLightsAndCamera) {
   expectSceneErrors({
       {[](Scene& s) { s.lights[0].radiance.y = kInfinity; }, {"/lights/key.inputs:intensity", "inf"}},
-      {[](Scene& s) {
-         s.lights[0].half_u = {0, 0, 0};
-       },
-       {"/lights/key.inputs:width", "(0, 0, 0)"}},
+      {[](Scene& s) { s.lights[0].half_u = {0, 0, 0}; }, {"/lights/key.inputs:width", "(0, 0, 0)"}},
       {[](Scene& s) { s.lights[0].kind = Light::Kind::Sphere, s.lights[0].radius = 0; }, {"inputs:radius", "0"}},
-      {[](Scene& s) {
-         s.lights[0].kind = Light::Kind::Distant, s.lights[0].direction = {0, 0, 0};
-       },
+      {[](Scene& s) { s.lights[0].kind = Light::Kind::Distant, s.lights[0].direction = {0, 0, 0}; },
        {"/lights/key.xformOp:transform", "(0, 0, 0)"}},
       {[](Scene& s) { s.lights[0].kind = Light::Kind::Distant, s.lights[0].angle_radians = 7; }, {"inputs:angle", "7"}},
       {[](Scene& s) { s.lights[0].centre.x = double(kNan); }, {"/lights/key.xformOp:transform", "nan"}},
       {[](Scene& s) { s.lights[0].diffuse = kNan; }, {"/lights/key.inputs:diffuse", "nan"}},
-      {[](Scene& s) {
-         s.camera.to_world.ex = {0, 0, 0};
-       },
-       {"/camera.xformOp:transform", "inverted"}},
+      {[](Scene& s) { s.camera.to_world.ex = {0, 0, 0}; }, {"/camera.xformOp:transform", "inverted"}},
       {[](Scene& s) { s.camera.half_tangent.y = 0; }, {"/camera.horizontalAperture", "(0.5, 0)"}},
       {[](Scene& s) { s.camera.centre_tangent.x = kNan; }, {"/camera.horizontalApertureOffset", "nan"}},
       {[](Scene& s) { s.camera.near_clip = 2, s.camera.far_clip = 1; }, {"/camera.clippingRange", "(2, 1)"}},
@@ -293,8 +269,7 @@ TEST(ValidateSettings, NamesFieldValueAndRange) {
       {[](Settings& s) { s.threads = 100000; }, {"threads", "100000"}},
       {[](Settings& s) { s.roughness_limit = 1.5f; }, {"roughness_limit", "1.5", "from 0 to 1"}},
   };
-  expectErrors<Settings>(
-      {}, ErrorKind::Setting, [](const Settings& settings) { settings.validate(); }, breakages);
+  expectErrors<Settings>({}, ErrorKind::Setting, [](const Settings& settings) { settings.validate(); }, breakages);
 }
 
 TEST(Rebase, MovesInstancesLightsAndCameraButNotPrototypes) {

@@ -1,11 +1,12 @@
 // Trees against their twin, bit by bit, and the memory they take.
+#include "core/reuse/trees.h"
+
 #include <gtest/gtest.h>
 
 #include <array>
 #include <bit>
 #include <cstring>
 
-#include "core/reuse/trees.h"
 #include "tests/core/twins/reuse_buffers.h"
 #include "tests/core/twins/reuse_clouds.h"
 #include "tests/core/twins/trees_twin.h"
