@@ -79,6 +79,26 @@ TEST_F(NearestNeighbourTest, ExtremesAndMixture) {
   expectExact(maker_.mixture(20'000), 20'000, 7);
 }
 
+// Cell centres of a grid are exactly as near to four samples, which can be in different leaves; a group of equal
+// queries has a box of no size, so that nothing but the comparisons decides.
+TEST_F(NearestNeighbourTest, GroupsOfEqualQueriesThatTie) {
+  twin::Cloud cloud{"grid", {}};
+  for (uint32_t i = 0; i < 64 * 64; ++i) {
+    const uint32_t place = i * 2731 % (64 * 64);  // so that neighbours have unlike ids
+    cloud.samples.add({4, 9}, {float(place % 64) / 64, float(place / 64) / 64});
+  }
+  twin::Samples queries;
+  for (uint32_t cell = 0; cell < 63 * 63; ++cell) {
+    const Vec2f centre{(float(cell % 63) + 0.5f) / 64, (float(cell / 63) + 0.5f) / 64};
+    for (uint32_t i = 0; i < 32; ++i) queries.add({4, 9}, centre);
+  }
+  const auto trees = kernels_.buildTrees(twin::uploadShading(*device_, cloud.samples));
+  const std::vector<uint32_t> ids = found(grouped_, *trees, queries);
+  EXPECT_TRUE(found(single_, *trees, queries) == ids);
+  const twin::NearestNeighbour expected(cloud.samples);
+  for (size_t i = 0; i < ids.size(); i += 32) ASSERT_EQ(ids[i], expected.find(queries.keys[i], queries.uv[i])) << i;
+}
+
 TEST_F(NearestNeighbourTest, NumbersOfQueriesAroundAWorkgroup) {
   const twin::Cloud cloud = maker_.mixture(100);
   for (const uint32_t count : {0, 1, 31, 32, 33, 63, 64, 65, 255, 256, 257}) expectExact(cloud, count);
