@@ -215,7 +215,7 @@ def build(stage: Usd.Stage) -> None:
     camera.CreateHorizontalApertureAttr(36)
     camera.CreateVerticalApertureAttr(20.25)
     camera.CreateClippingRangeAttr((0.1, 1000))
-    look = Gf.Matrix4d().SetLookAt(Gf.Vec3d(0.4, 3.3, 8.4), Gf.Vec3d(0.15, 1.05, -0.4), Gf.Vec3d(0, 1, 0))
+    look = Gf.Matrix4d().SetLookAt(Gf.Vec3d(0.5, 3.1, 9.6), Gf.Vec3d(0.2, 1.35, -0.4), Gf.Vec3d(0, 1, 0))
     camera.AddTransformOp().Set(look.GetInverse())
 
 
