@@ -42,6 +42,7 @@ class ReuseKernels {
 
   // Writes aa.shade: the id of the nearest shading sample in (u, v) with the same key, the lowest id of
   // several equally near; kShadeNotFound where the key has no sample; kShadeNone where it has kNoInstance.
+  // Coordinates outside [0, 1]² count as the nearest point of it, and what is not a number as 0.
   void findNearest(const Trees& trees, AaSamples& aa);
 
   // Failures (§2.3, §3.3). Sorts slots with kShadeNotFound by (key, pixel, sample); returns the heads'

@@ -70,8 +70,11 @@ TEST_F(NearestNeighbourTest, HardShapesOfManySamplesEnd) {
 }
 
 TEST_F(NearestNeighbourTest, AMillionSamplesAtOnePoint) {
-  expectExact(maker_.placed("a million at one point", 1'000'000, [](uint32_t) { return Vec2f{0.3f, 0.7f}; }), 100'000,
-              1009);
+  expectExact(maker_.placed("a million at one point", 1'000'000,
+                            [](uint32_t) {
+                              return Vec2f{0.3f, 0.7f};
+                            }),
+              100'000, 1009);
 }
 
 TEST_F(NearestNeighbourTest, ExtremesAndMixture) {
@@ -84,7 +87,7 @@ TEST_F(NearestNeighbourTest, ExtremesAndMixture) {
 TEST_F(NearestNeighbourTest, GroupsOfEqualQueriesThatTie) {
   twin::Cloud cloud{"grid", {}};
   for (uint32_t i = 0; i < 64 * 64; ++i) {
-    const uint32_t place = i * 2731 % (64 * 64);  // so that neighbours have unlike ids
+    const uint32_t place = (i * i + i) / 2 % (64 * 64);  // a permutation: neighbours have unlike ids
     cloud.samples.add({4, 9}, {float(place % 64) / 64, float(place / 64) / 64});
   }
   twin::Samples queries;
