@@ -4,9 +4,9 @@
 // than 8 samples; node j of the 2^l of level l holds the samples of rank n*j >> l to (n*(j+1) >> l) - 1.
 // The first d levels split u, the other D - d split v, where d makes cells about square. Ranks within
 // the first d levels are those of the order (u, v, id), which cuts the samples into 2^d slabs; ranks within
-// a slab are those of the order (v, id). So two sorts build all trees, whatever their sizes, and the place of
-// every node and leaf follows from n, D and d. Nodes hold the bounds of their samples, and the lowest
-// sample id, so that ties end early.
+// a slab are those of the order (v, id); within a leaf, samples are stored in order of id. So two sorts build all
+// trees, whatever their sizes, and the place of every node and leaf follows from n, D and d. Nodes hold the bounds of
+// their samples, and the lowest sample id, so that ties end early.
 //
 // Coordinates are taken to the nearest point of [0, 1]²; what is not a number counts as 0.
 #pragma once

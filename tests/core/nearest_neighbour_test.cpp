@@ -21,24 +21,25 @@ class NearestNeighbourTest : public testing::Test {
     return twin::download(aa.shade);
   }
 
-  // Both walks for `count` queries; brute force for every `stride`th.
-  void expectExact(const twin::Cloud& cloud, uint32_t count, uint32_t stride, bool coherent) {
-    SCOPED_TRACE(cloud.name + (coherent ? ", coherent" : ", scattered"));
+  // Coherent and scattered queries, `count` of each, by both walks; brute force for every `stride`th.
+  void expectExact(const twin::Cloud& cloud, uint32_t count, uint32_t stride = 1) {
     const auto trees = kernels_.buildTrees(twin::uploadShading(*device_, cloud.samples));
-    const twin::Samples queries = maker_.queries(cloud.samples, count, coherent);
-    const std::vector<uint32_t> ids = found(grouped_, *trees, queries);
-    EXPECT_TRUE(found(single_, *trees, queries) == ids);
     const twin::NearestNeighbour expected(cloud.samples);
+    for (const bool coherent : {true, false}) {
+      SCOPED_TRACE(cloud.name + (coherent ? ", coherent" : ", scattered"));
+      expectExact(*trees, expected, maker_.queries(cloud.samples, count, coherent), stride);
+    }
+  }
+
+  void expectExact(const Trees& trees, const twin::NearestNeighbour& expected, const twin::Samples& queries,
+                   uint32_t stride) {
+    const std::vector<uint32_t> ids = found(grouped_, trees, queries);
+    EXPECT_TRUE(found(single_, trees, queries) == ids);
     for (size_t i = 0; i < queries.keys.size(); i += stride) {
       ASSERT_EQ(ids[i], expected.find(queries.keys[i], queries.uv[i]))
           << i << ": key " << queries.keys[i].instance << " " << queries.keys[i].primitive_side << ", (u, v) "
           << queries.uv[i].x << " " << queries.uv[i].y;
     }
-  }
-
-  void expectExact(const twin::Cloud& cloud, uint32_t count, uint32_t stride = 1) {
-    expectExact(cloud, count, stride, true);
-    expectExact(cloud, count, stride, false);
   }
 
   std::shared_ptr<Device> device_ = Device::create({.validation = true});
@@ -96,10 +97,7 @@ TEST_F(NearestNeighbourTest, GroupsOfEqualQueriesThatTie) {
     for (uint32_t i = 0; i < 32; ++i) queries.add({4, 9}, centre);
   }
   const auto trees = kernels_.buildTrees(twin::uploadShading(*device_, cloud.samples));
-  const std::vector<uint32_t> ids = found(grouped_, *trees, queries);
-  EXPECT_TRUE(found(single_, *trees, queries) == ids);
-  const twin::NearestNeighbour expected(cloud.samples);
-  for (size_t i = 0; i < ids.size(); i += 32) ASSERT_EQ(ids[i], expected.find(queries.keys[i], queries.uv[i])) << i;
+  expectExact(*trees, twin::NearestNeighbour(cloud.samples), queries, 32);
 }
 
 TEST_F(NearestNeighbourTest, NumbersOfQueriesAroundAWorkgroup) {

@@ -1,6 +1,6 @@
 // Times tree building, nearest neighbours and failures on made-up screens; prints one line of JSON.
 // A screen of 1024 x 512 pixels is tiled by square primitives with skewed parameters; 2 shading samples and
-// 8 antialiasing samples per pixel, in order of blocks and pixels.
+// 16 antialiasing samples per pixel, in order of blocks and pixels.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -16,7 +16,7 @@
 namespace encore {
 namespace {
 
-constexpr uint32_t kWidth = 1024, kHeight = 512, kRepeats = 5;
+constexpr uint32_t kWidth = 1024, kHeight = 512, kRepeats = 3;
 
 struct ScreenPoint {
   SurfaceKey key;
@@ -94,7 +94,7 @@ double medianSeconds(const std::function<void()>& f) {
 
 void benchPrimitives(Device& device, const char* name, double side, bool details) {
   const ShadingSamples samples = makeShadingSamples(device, side, 2);
-  AaSamples aa = makeAaSamples(device, side, 8);
+  AaSamples aa = makeAaSamples(device, side, 16);
   ReuseKernels kernels(device);
   auto trees = kernels.buildTrees(samples);  // warm: compiles the kernels
   device.resetTimings();
