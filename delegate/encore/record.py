@@ -103,7 +103,7 @@ class UsdDiagnostics:
         if self._delegate is None:
             return
         for item in self._delegate.TakeCoalescedDiagnostics():
-            if self._verbosity == QUIET or item.sharedItem.sourceFunction == "_ReportErrors":
+            if self._verbosity == QUIET or "_ReportErrors" in item.sharedItem.sourceFunction:
                 continue
             first, count = item.unsharedItems[0].commentary, len(item.unsharedItems)
             self._progress.message(f"Warning: USD: {first.strip()}{f' ({count} times)' if count > 1 else ''}")

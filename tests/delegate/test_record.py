@@ -285,6 +285,18 @@ def test_a_missing_texture_gives_its_fallback_unless_strict(
     assert [float(channels[c][8, 16]) for c in "RGB"] == pytest.approx([0.25, 0.5, 1], rel=1e-5)
 
 
+def test_broken_references_are_said_once(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    stage = new_stage(tmp_path)
+    for i in range(20):
+        stage.DefinePrim(f"/Broken{i}").GetReferences().AddReference("./nothing.usda")
+    stage.Save()
+    capfd.readouterr()  # what USD said of authoring them
+    assert record(tmp_path, "a.exr") == ExitCode.OK
+    lines = [line for line in capfd.readouterr().err.splitlines() if "nothing.usda" in line]
+    assert len(lines) == 1
+    assert "20 prims" in lines[0]
+
+
 def test_too_little_memory_says_how_much_is_enough(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
