@@ -4,8 +4,8 @@
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
+#include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <stdexcept>
 
@@ -415,7 +415,7 @@ TEST(Shade, DependsOnNothingButTheBlock) {
   for (uint32_t end : ends) {
     const std::vector<PathVertex> block(vertices.begin() + begin, vertices.begin() + end);
     const std::vector<Vec3f> alone = world.shadeAll(block, {end - begin});
-    EXPECT_EQ(std::memcmp(alone.data(), all.data() + begin, alone.size() * sizeof(Vec3f)), 0) << begin;
+    EXPECT_TRUE(std::equal(alone.begin(), alone.end(), all.begin() + begin, all.begin() + end)) << begin;
     begin = end;
   }
   EXPECT_TRUE(world.shadeAll({}, {}).empty());
