@@ -43,12 +43,13 @@ void forPixels(const std::function<void(uint32_t, uint32_t, uint32_t)>& f) {
   }
 }
 
-ShadingSamples makeShadingSamples(Device& device, double side, uint32_t per_pixel) {
-  ShadingSamples samples;
+// Keys and coordinates of per_pixel points in every pixel, for either kind of sample.
+template <class Samples>
+void scatter(Samples& samples, Device& device, double side, uint32_t per_pixel, uint32_t seed) {
   samples.count = kWidth * kHeight * per_pixel;
   samples.key = {device, samples.count, "key"};
   samples.uv = {device, samples.count, "uv"};
-  std::mt19937 random(1);
+  std::mt19937 random(seed);
   forPixels([&](uint32_t x, uint32_t y, uint32_t pixel) {
     for (uint32_t s = 0; s < per_pixel; ++s) {
       const ScreenPoint point = pointInPixel(x, y, side, random);
@@ -58,26 +59,19 @@ ShadingSamples makeShadingSamples(Device& device, double side, uint32_t per_pixe
   });
   samples.key.toDevice();
   samples.uv.toDevice();
+}
+
+ShadingSamples makeShadingSamples(Device& device, double side, uint32_t per_pixel) {
+  ShadingSamples samples;
+  scatter(samples, device, side, per_pixel, 1);
   return samples;
 }
 
 AaSamples makeAaSamples(Device& device, double side, uint32_t per_pixel) {
   AaSamples aa;
-  aa.count = kWidth * kHeight * per_pixel;
+  scatter(aa, device, side, per_pixel, 2);
   aa.samples_per_pixel = per_pixel;
-  aa.key = {device, aa.count, "key"};
-  aa.uv = {device, aa.count, "uv"};
   aa.shade = {device, aa.count, "shade"};
-  std::mt19937 random(2);
-  forPixels([&](uint32_t x, uint32_t y, uint32_t pixel) {
-    for (uint32_t s = 0; s < per_pixel; ++s) {
-      const ScreenPoint point = pointInPixel(x, y, side, random);
-      aa.key.host()[pixel * per_pixel + s] = point.key;
-      aa.uv.host()[pixel * per_pixel + s] = point.uv;
-    }
-  });
-  aa.key.toDevice();
-  aa.uv.toDevice();
   return aa;
 }
 
