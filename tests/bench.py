@@ -1,166 +1,199 @@
 """./dev bench: kernels and frames, as a table and JSON. Timings live here and never in a test.
 
-Frames: still_life by reuse, by the reference with the same rays per shade, and by classic distribution ray
-tracing (the reference with one occlusion ray and one light sample per antialiasing sample) at several sample
-counts, against a converged reference. Equal-error times are read off the distribution curve, log-log.
+Parts, each of which can be run alone (--only):
+  kernels   build, nearest neighbours, failures and film, beside raw Embree
+  phases    a direct-only 1080p frame without shading, as a multiple of raw Embree for the same rays
+  frames    every example scene by every method, against a converged reference
+  vertex    the car by reuse and by vertex shading of equal error
+  controls  the reuse quality controls on the mirror and the glass ball: cost and error
+  bias      the mean of 16 seeds against truth, with its interval
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import statistics
-import subprocess
+import os
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
-import flip_evaluator
-import numpy as np
+import bench_parts
+from bench_measure import SCENES, Scene, load
 from encore import _core
-from pxr import Usd
-from rendering import ROOT, render, total
 
-# Fixed for every image, so that FLIP values of different methods can be compared.
-EXPOSURES = {"startExposure": -2.0, "stopExposure": 2.0, "numExposures": 5}
-
-
-def flip(reference: np.ndarray, image: np.ndarray) -> float:
-    _, mean, _ = flip_evaluator.evaluate(reference, image, "HDR", True, False, True, EXPOSURES)
-    return float(mean)
-
-
-def rmse(reference: np.ndarray, image: np.ndarray) -> float:
-    return float(np.sqrt(np.mean((image.astype(float) - reference.astype(float)) ** 2)))
+PARTS = ("kernels", "phases", "frames", "vertex", "controls", "bias")
+DEFAULT_SCENES = {
+    "phases": ("still_life", "mirror_and_glass", "car"),
+    "frames": ("still_life", "mirror_and_glass", "car"),
+    "vertex": ("car",),
+    "controls": ("mirror_and_glass",),
+    "bias": ("still_life", "mirror_and_glass", "car"),
+}
+STAGES = ("dice", "build", "trace", "shade", "reuse", "film")
 
 
-def converged(stage: Usd.Stage, size: tuple[int, int], passes: int) -> np.ndarray:
-    """Mean of independent seeds of distribution ray tracing: the same transport, no reuse."""
-    mean = np.zeros((size[1], size[0], 3))
-    for seed in range(passes):
-        settings = {"samples": 16, "light_samples": 2, "occlusion_samples": 2, "seed": 1000 + seed}
-        mean += render(stage, *size, method="reference", **settings)["composite"]
-    return (mean / passes).astype(np.float32)
+def print_kernels(report: dict[str, Any]) -> None:
+    print(f"raw Embree, camera rays in packets of 16: {report['embree_m_rays_per_s']:.1f} M rays/s")
+    last = ""
+    for row in report["rows"]:
+        if row["program"] != last:
+            last = row["program"]
+            print(f"{last}:")
+        cells = {key: value for key, value in row.items() if key not in ("program", "device", "bench")}
+        for key in [k for k, value in cells.items() if isinstance(value, dict)]:
+            cells |= {f"{key} {inner}": value for inner, value in cells.pop(key).items()}
+        print("  " + "  ".join(f"{key} {value}" for key, value in cells.items()))
+    for program, lines in report["text"].items():
+        print(f"{program}:", *lines, sep="\n  ")
 
 
-def measure(
-    stage: Usd.Stage, size: tuple[int, int], truth: np.ndarray, runs: int, **settings: Any
-) -> dict[str, Any]:
-    """The medians of `runs` renders: end to end, by stage, and error against `truth`."""
-    seconds, results = [], []
-    for _ in range(runs):
-        start = time.perf_counter()
-        results.append(render(stage, *size, **settings))
-        seconds.append(time.perf_counter() - start)
-    result = results[0]
-    stats = result["statistics"]
-    stages = stats["time_s"].keys()
-    return {
-        "seconds": statistics.median(seconds),
-        "time_s": {s: statistics.median(r["statistics"]["time_s"][s] for r in results) for s in stages},
-        "shading_evaluations_per_pixel": total(result, "shading_evaluations") / (size[0] * size[1]),
-        "reshaded_share": total(result, "reshading_evaluations")
-        / max(1, total(result, "shading_evaluations")),
-        "failed_share": total(result, "failed_samples") / max(1, total(result, "antialiasing_samples")),
-        "rays_traced": stats["rays_traced"],
-        "rmse": rmse(truth, result["composite"]),
-        "flip": flip(truth, result["composite"]),
-        "settings": settings,
-    }
+def print_heads(report: dict[str, Any], title: str) -> None:
+    width, height = report["size"]
+    print(f"{title}, {width} x {height}, {report['samples']} x {report['samples']} samples per pixel")
+    print(f"{'':34}{'runs':>5}{'s':>9}{'RMSE':>9}{'FLIP':>8}{'shade/px':>10}{'resh. %':>8}", end="")
+    print(f"{'reuse %':>8}{'reuse/trace':>12}" + "".join(f"{s:>8}" for s in STAGES))
 
 
-def time_at_error(curve: list[dict[str, Any]], metric: str, error: float) -> float:
-    """Seconds at which a method reaches `error`, by a straight line through log error over log time."""
-    x = np.log([point["seconds"] for point in curve])
-    y = np.log([point[metric] for point in curve])
-    slope, intercept = np.polyfit(x, y, 1)
-    return float(np.exp((np.log(error) - intercept) / slope))
+def print_row(name: str, row: dict[str, Any]) -> None:
+    print(f"{name:34}{row['runs']:5}{row['seconds']:9.2f}{row['rmse']:9.5f}{row['flip']:8.4f}", end="")
+    print(f"{row['shading_evaluations_per_pixel']:10.2f}{100 * row['reshaded_share']:8.2f}", end="")
+    print(f"{100 * row['reuse_share_of_frame']:8.1f}{row['reuse_over_trace']:12.2f}", end="")
+    print("".join(f"{row['time_s'].get(stage, 0):8.2f}" for stage in STAGES))
 
 
-def frames(arguments: argparse.Namespace) -> dict[str, Any]:
-    size = (arguments.width, round(arguments.width * 9 / 16))
-    stage = Usd.Stage.Open(str(ROOT / "examples" / "still_life.usda"))
-    truth = converged(stage, size, arguments.truth_passes)
-    common = {"samples": 11, "shading_rate": 2.0, "seed": 1}
-    full = {"occlusion_samples": 64, "light_samples": 16}
-    one = {"occlusion_samples": 1, "light_samples": 1}
-    rows: dict[str, Any] = {"size": size, "truth_samples_per_pixel": 256 * arguments.truth_passes}
-    rows["reuse"] = measure(stage, size, truth, arguments.runs, method="reuse", **common, **full)
-    rows["reference, same rays per shade"] = measure(
-        stage, size, truth, 1 if arguments.quick else arguments.runs, method="reference", **common, **full
-    )
-    curve = []
-    for n in (4, 7, 11, 16) if arguments.quick else (4, 6, 8, 11, 16, 23):
-        settings = {**common, **one, "samples": n, "method": "reference"}
-        curve.append(measure(stage, size, truth, arguments.runs, **settings))
-        rows[f"distribution ray tracing, {n} x {n}"] = curve[-1]
-    rows["equal_error"] = {
-        metric: {
-            "error": rows["reuse"][metric],
-            "reuse_seconds": rows["reuse"]["seconds"],
-            "distribution_seconds": time_at_error(curve, metric, rows["reuse"][metric]),
-        }
-        for metric in ("rmse", "flip")
-    }
-    return rows
-
-
-def print_frames(rows: dict[str, Any]) -> None:
-    stages = ("dice", "build", "trace", "shade", "reuse", "film")
-    width, height = rows["size"]
-    truth = rows["truth_samples_per_pixel"]
-    print(f"still_life, {width} x {height}, truth {truth} samples per pixel")
-    heads = f"{'':34}{'s':>8}{'RMSE':>9}{'FLIP':>8}{'shade/px':>10}{'resh. %':>9}"
-    print(heads + "".join(f"{s:>8}" for s in stages))
-    for name, row in rows.items():
-        if not isinstance(row, dict) or "rmse" not in row or "settings" not in row:
-            continue
-        print(f"{name:34}{row['seconds']:8.2f}{row['rmse']:9.5f}{row['flip']:8.4f}", end="")
-        print(f"{row['shading_evaluations_per_pixel']:10.2f}{100 * row['reshaded_share']:9.2f}", end="")
-        print("".join(f"{row['time_s'].get(s, 0):8.2f}" for s in stages))
-    for metric, row in rows["equal_error"].items():
+def print_frames(report: dict[str, Any], scene: str) -> None:
+    print_heads(report, f"{scene} (truth {report['truth_samples_per_pixel']} samples per pixel)")
+    for name, row in report["rows"].items():
+        print_row(name, row)
+    shares = ", ".join(f"{100 * v:.1f} % ({k})" for k, v in report["paper_reuse_share_of_frame"].items())
+    print(f"  reuse's share of the frame in the paper: {shares}")
+    if "reuse_over_equal_rays" in report:
+        ratios = report["reuse_over_equal_rays"]
+        print(
+            f"  error over that of the reference with equal rays per pixel: RMSE {ratios['rmse']:.2f}, "
+            f"FLIP {ratios['flip']:.2f} (wanted: at most 1.2)"
+        )
+        print(
+            f"  {report['fewer_shades_than_reference']:.1f} x fewer shades than the reference "
+            f"(wanted where less than 15 % is reshaded: {report['fewer_shades_wanted']:.1f})"
+        )
+    for metric, row in report.get("equal_error", {}).items():
         ratio = row["distribution_seconds"] / row["reuse_seconds"]
         winner = "reuse" if ratio > 1 else "distribution ray tracing"
+        extended = "" if row["within_the_curve"] else " (extrapolated)"
         print(
-            f"at reuse's {metric.upper()} of {row['error']:.5f}: reuse {row['reuse_seconds']:.2f} s, "
-            f"distribution ray tracing {row['distribution_seconds']:.2f} s: "
+            f"  at reuse's {metric.upper()} of {row['error']:.5f}: reuse {row['reuse_seconds']:.2f} s, "
+            f"distribution ray tracing {row['distribution_seconds']:.2f} s{extended}: "
             f"{winner} wins by {max(ratio, 1 / ratio):.2f} x"
         )
 
 
-def kernels() -> list[dict[str, Any]]:
-    """Runs build/tests/core/reuse_bench, which prints one JSON object a line."""
-    program = ROOT / "build" / "tests" / "core" / "reuse_bench"
-    output = subprocess.run([str(program)], check=True, capture_output=True, text=True).stdout
-    return [json.loads(line) for line in output.splitlines() if line.startswith("{")]
+def print_phases(report: dict[str, Any], scene: str) -> None:
+    width, height = report["size"]
+    parts = ", ".join(f"{stage} {ratio:.2f}" for stage, ratio in report["stages"].items())
+    print(
+        f"{scene}, direct only, {width} x {height}, 11 x 11: {report['ratio']:.2f} x raw Embree "
+        f"({report['raw_seconds']:.2f} s): {parts} (wanted: at most 4; aim 2.5)"
+    )
+
+
+def print_vertex(report: dict[str, Any], scene: str) -> None:
+    rate = f"{report['rate']:g} per pixel" if report["rate"] else "no rate tried reaches reuse's error"
+    print_heads(report, f"{scene}: vertex shading, {rate}")
+    print_row("reuse", report["reuse"])
+    for row in report["tried"]:
+        print_row(f"vertex, {row['rate']:g} per pixel", row)
+    print(
+        f"  reuse: {report['fewer_evaluations']:.1f} x fewer evaluations (wanted 17), "
+        f"{report['faster']:.2f} x faster (wanted 3.5)"
+    )
+
+
+def print_controls(report: dict[str, Any], scene: str) -> None:
+    print_heads(report, f"{scene}: reuse quality controls")
+    for name, row in report["rows"].items():
+        print_row(name, row)
+    for name, row in report["rows"].items():
+        layers = ", ".join(f"{layer} {value:.5f}" for layer, value in row["layer_rmse"].items())
+        print(
+            f"  {name:32} {row['times_the_cost']:5.2f} x the cost, {row['times_the_rmse']:5.2f} x the RMSE; "
+            f"RMSE of layers: {layers}"
+        )
+
+
+def print_bias(report: dict[str, Any], scene: str) -> None:
+    low, high = (100 * v for v in report["relative_interval"])
+    print(
+        f"{scene}, {report['size'][0]} x {report['size'][1]}: mean signed error of {report['seeds']} seeds "
+        f"between {low:+.3f} % and {high:+.3f} % ({100 * report['confidence']:.0f} % interval); "
+        f"{100 * report['share_of_blocks_off']:.1f} % of {report['blocks']} blocks off by more than their "
+        f"interval; RMS bias of a block {100 * report['relative_block_bias']:.3f} % of the mean"
+    )
+
+
+PRINTERS = {
+    "phases": print_phases,
+    "frames": print_frames,
+    "vertex": print_vertex,
+    "controls": print_controls,
+    "bias": print_bias,
+}
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="./dev bench", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="small frames and meshes, one run each")
+    parser.add_argument("--runs", type=int, default=5, help="runs per figure; medians are reported (5)")
+    parser.add_argument(
+        "--patience", type=float, default=60, help="seconds beyond which a render is not repeated (60)"
+    )
+    parser.add_argument("--only", choices=PARTS, action="append", help="just this part; repeatable")
+    parser.add_argument("--scene", choices=SCENES, action="append", help="just this scene; repeatable")
+    parser.add_argument("--method", action="append", help="in frames, just this method; repeatable")
+    parser.add_argument("--width", type=int, help="width of the frames in pixels; default: the scenes' own")
+    parser.add_argument("--samples", type=int, help="N x N samples per pixel; default: the scenes' own")
+    parser.add_argument("--threads", type=int, default=0, help="CPU threads; 0: all")
+    parser.add_argument(
+        "--truth-passes", type=int, help="times 256 samples per pixel of truth (16; 4 with --quick)"
+    )
+    parser.add_argument("--json", type=Path, help="write all figures to this file")
+    result = parser.parse_args(arguments)
+    if result.quick:
+        result.runs, result.width = 1, result.width or 240
+    result.truth_passes = result.truth_passes or (4 if result.quick else 16)
+    if result.truth_passes < 2:
+        parser.error("--truth-passes must be at least 2")
+    return result
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="./dev bench", description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a small frame, one run each")
-    parser.add_argument("--runs", type=int, default=5, help="runs per figure; medians are reported (5)")
-    parser.add_argument("--width", type=int, default=480, help="width of the frame in pixels (480)")
-    parser.add_argument(
-        "--truth-passes", type=int, default=16, help="times 256 samples per pixel of truth (16)"
-    )
-    parser.add_argument("--only", choices=("kernels", "frames"), help="leave out the other")
-    parser.add_argument("--json", type=Path, help="write all figures to this file")
-    arguments = parser.parse_args()
-    if arguments.quick:
-        arguments.runs, arguments.width, arguments.truth_passes = 1, 240, 4
+    arguments = parse()
     device = _core.create_device("", False).info
-    report: dict[str, Any] = {"device": device}
-    print(f"device {device['name']}, driver {device['driver']}")
-    if arguments.only != "frames":
-        report["kernels"] = kernels()
-        for row in report["kernels"]:
-            print("  ".join(f"{key} {value}" for key, value in row.items()))
-    if arguments.only != "kernels":
-        report["frames"] = frames(arguments)
-        print_frames(report["frames"])
-    if arguments.json:
-        arguments.json.write_text(json.dumps(report, indent=2) + "\n")
+    threads = arguments.threads or len(os.sched_getaffinity(0))
+    print(f"device {device['name']}, driver {device['driver']}; {threads} threads")
+    report: dict[str, Any] = {"device": device, "threads": threads}
+
+    def save() -> None:
+        if arguments.json:
+            arguments.json.write_text(json.dumps(report, indent=2) + "\n")
+
+    scenes: dict[str, Scene] = {}
+    for part in arguments.only or PARTS:
+        print(f"\n{part}")
+        if part == "kernels":
+            report[part] = bench_parts.kernels(arguments)
+            print_kernels(report[part])
+            save()
+            continue
+        report[part] = {}
+        for name in arguments.scene or DEFAULT_SCENES[part]:
+            scenes.setdefault(name, load(name, arguments))
+            report[part][name] = getattr(bench_parts, part)(scenes[name], arguments)
+            PRINTERS[part](report[part][name], name)
+            save()
     return 0
 
 

@@ -28,17 +28,23 @@ def total(result: dict[str, Any], count: str) -> int:
     return sum(layer[count] for layer in result["statistics"]["layers"].values())
 
 
-def render(stage: Usd.Stage, width: int = 64, height: int = 64, **settings: Any) -> dict[str, Any]:
-    """Renders the stage's camera and returns what _core.render returns. settings: core/scene/settings.h."""
+def translate(
+    stage: Usd.Stage, width: int, height: int, camera: str = "", camera_light: bool = True
+) -> _core.Scene:
     options = SyncOptions(
         width=width,
         height=height,
-        camera=settings.pop("camera", ""),
-        camera_light=settings.pop("camera_light", True),
+        camera=camera,
+        camera_light=camera_light,
         time=Usd.TimeCode(stage.GetStartTimeCode()),
     )
-    translation = RenderIndex(stage, options).sync()
-    return _core.render(translation.scene, {**settings, "width": width, "height": height}, device())
+    return RenderIndex(stage, options).sync().scene
+
+
+def render(stage: Usd.Stage, width: int = 64, height: int = 64, **settings: Any) -> dict[str, Any]:
+    """Renders the stage's camera and returns what _core.render returns. settings: core/scene/settings.h."""
+    scene = translate(stage, width, height, settings.pop("camera", ""), settings.pop("camera_light", True))
+    return _core.render(scene, {**settings, "width": width, "height": height}, device())
 
 
 def new_stage() -> Usd.Stage:
@@ -115,6 +121,128 @@ def add_dome(stage: Usd.Stage, radiance: float = 1.0) -> UsdLux.DomeLight:
     dome = UsdLux.DomeLight.Define(stage, "/World/Dome")
     dome.CreateIntensityAttr(radiance)
     return dome
+
+
+def add_area_light(stage: Usd.Stage, intensity: float = 8.0) -> UsdLux.RectLight:
+    light = UsdLux.RectLight.Define(stage, "/World/Light")
+    light.CreateIntensityAttr(intensity)
+    light.AddTranslateOp().Set((1, 3, 1))
+    light.AddRotateXOp().Set(-90)
+    return light
+
+
+CUBE = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
+CUBE_FACES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+
+
+def mixed_stage() -> Usd.Stage:
+    """All three layers in a small frame: a floor of quads, a mirror, a glass ball, rounded boxes as
+    instances, and dust of faces below a pixel."""
+    stage = new_stage()
+    add_dome(stage, 0.5)
+    add_area_light(stage)
+    grey = add_material(stage, "Grey", diffuseColor=(0.5, 0.5, 0.5))
+    red = add_material(stage, "Red", diffuseColor=(0.8, 0.2, 0.1), ior=1.5, roughness=0.05)
+    silver = add_material(stage, "Silver", diffuseColor=(0.9, 0.9, 0.9), metallic=1.0, roughness=0.0)
+    glass = add_material(stage, "Glass", opacity=0.0, ior=1.5, roughness=0.0)
+    n = 4
+    t = np.linspace(-4, 4, n + 1)
+    points = [(x, 0.0, z) for z in t for x in t]
+    faces = [
+        [i * (n + 1) + j, (i + 1) * (n + 1) + j, (i + 1) * (n + 1) + j + 1, i * (n + 1) + j + 1]
+        for i in range(n)
+        for j in range(n)
+    ]
+    add_mesh(stage, "/World/Floor", points, faces, grey)
+    pane = [(-2, 0.1, -1.5), (2, 0.1, -1.5), (2, 2.2, -1.5), (-2, 2.2, -1.5)]
+    add_mesh(stage, "/World/Mirror", pane, [[0, 1, 2, 3]], silver)
+    ball = UsdGeom.Sphere.Define(stage, "/World/Ball")
+    ball.CreateRadiusAttr(0.45)
+    ball.AddTranslateOp().Set((0.7, 0.46, 0.5))
+    bind(ball, glass)
+    stage.CreateClassPrim("/Box")
+    add_mesh(stage, "/Box/Mesh", CUBE, CUBE_FACES, None, "catmullClark")
+    for i in range(3):
+        box = UsdGeom.Xform.Define(stage, f"/World/Box{i}")
+        box.AddTranslateOp().Set((-1.3 + 0.7 * i, 0.35, 0.2 - 0.4 * i))
+        box.AddRotateYOp().Set(25.0 * i)
+        box.AddScaleOp().Set((0.6, 0.6, 0.6))
+        box.GetPrim().GetReferences().AddInternalReference("/Box")
+        box.GetPrim().SetInstanceable(True)
+        bind(box, red)
+    k = 24
+    x, y = np.meshgrid(np.linspace(-0.25, 0.25, k + 1), np.linspace(0.0, 0.5, k + 1))
+    dust = np.stack([x - 0.6, y, 0.9 + 0 * x], axis=-1).reshape(-1, 3)
+    faces = [
+        [i * (k + 1) + j, i * (k + 1) + j + 1, (i + 1) * (k + 1) + j + 1, (i + 1) * (k + 1) + j]
+        for i in range(k)
+        for j in range(k)
+    ]
+    add_mesh(stage, "/World/Dust", dust, faces, grey)
+    add_camera(stage, (0.4, 1.5, 3.4), (0, 0.6, 0), 0.45)
+    return stage
+
+
+RATES = (0.25, 1.0, 2.0, 8.0)
+
+
+def four_rates_stage() -> Usd.Stage:
+    """Four columns of shading rates RATES: above a rounded box each, with the rate on its own prim; below an
+    instance, turned, with the rate on the instance. Nothing else is seen, and no two objects share a column
+    and row of cell_of_rate()."""
+    stage = new_stage()
+    add_dome(stage)
+    grey = add_material(stage, "Grey", diffuseColor=(0.5, 0.5, 0.5))
+    box = stage.CreateClassPrim("/Box")
+    add_mesh(stage, "/Box/Mesh", CUBE, CUBE_FACES, grey)
+    for i, rate in enumerate(RATES):
+        x = 2.0 * i - 3.0
+        above = add_mesh(stage, f"/World/Own{i}", CUBE, CUBE_FACES, grey, "catmullClark")
+        above.AddTranslateOp().Set((x, 1, 0))
+        above.AddScaleOp().Set((1.7, 1.7, 1.7))
+        below = UsdGeom.Xform.Define(stage, f"/World/Instance{i}")
+        below.AddTranslateOp().Set((x, -1, 0))
+        below.AddRotateXYZOp().Set((20.0 + 10 * i, 35.0 * i, 0))
+        below.GetPrim().GetReferences().AddInternalReference(box.GetPath())
+        below.GetPrim().SetInstanceable(True)
+        for prim in (above, below):
+            set_shading_rate(prim, rate)
+    camera = add_camera(stage, (0, 0, 40), (0, 0, 0), 0.1)
+    camera.GetVerticalApertureAttr().Set(1.0)
+    return stage
+
+
+def cell_of_rate(image: np.ndarray, column: int, row: int) -> np.ndarray:
+    """The part of an image of four_rates_stage(), whose sides are 2 : 1, that shows one object."""
+    height, width = image.shape[0] // 2, image.shape[1] // len(RATES)
+    return image[row * height : (row + 1) * height, column * width : (column + 1) * width]
+
+
+def set_shading_rate(prim: Any, rate: float, layer: str = "") -> None:
+    """primvars:encore:shadingRate, or that of one layer."""
+    name = f"encore:shadingRate:{layer}" if layer else "encore:shadingRate"
+    UsdGeom.PrimvarsAPI(prim).CreatePrimvar(name, Sdf.ValueTypeNames.Float, UsdGeom.Tokens.constant).Set(rate)
+
+
+def arrays_of(result: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Every image of a result, by a name of its own."""
+    found = {key: value for key, value in result.items() if isinstance(value, np.ndarray)}
+    found |= {f"layers.{name}": image for name, image in result["layers"].items()}
+    for layer, images in result.get("debug", {}).items():
+        found |= {f"debug.{layer}.{name}": image for name, image in images.items()}
+    return found
+
+
+def assert_identical(a: dict[str, Any], b: dict[str, Any], note: str = "") -> None:
+    """Every image of two results, bit for bit."""
+    first, second = arrays_of(a), arrays_of(b)
+    assert first.keys() == second.keys(), note
+    for key, image in first.items():
+        np.testing.assert_array_equal(image, second[key], err_msg=f"{note}: {key}")
+
+
+def rmse(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.sqrt(np.mean((a.astype(float) - b.astype(float)) ** 2)))
 
 
 def save_evidence(name: str, **images: np.ndarray) -> Path:

@@ -1,42 +1,54 @@
-// Splats batches on the device, adds the blocks' partial images into the frame, resolves.
+// Splats batches on the device, adds the blocks' partial images into the tile, resolves finished pixels.
 #include "core/film/film.h"
 
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
 #include <bit>
 #include <limits>
 #include <string>
 
+#include "core/film/tile_planes.h"
 #include "core/scene/error.h"
+#include "kernels/film/search_debug.h"
+#include "kernels/film/splat_first.h"
 #include "kernels/film/splat_layer.h"
-#include "kernels/film/splat_shared.h"
 #include "kernels/film/sum_taps.h"
 
 namespace encore {
 namespace {
 
 constexpr uint32_t kLayerChannels = 3;
-constexpr uint32_t kSharedChannels = 5;  // normal, coverage, filter weight
-constexpr uint32_t kCoverage = 3, kWeight = 4;
+constexpr uint32_t kFirstChannels = 8;  // layer 0, normal, coverage, filter weight
 constexpr uint32_t kLocalSize = 64;
 constexpr float kMaxRadius = 8;
 
+// Planes of the tile. Those of the first kernel's channels come first, in its order.
+enum Plane : uint32_t { kColor = 0, kNormal = 3, kCoverage = 6, kWeight = 7, kDepth = 8, kFurtherLayers = 9 };
+uint32_t layerPlane(uint32_t layer) { return layer == 0 ? kColor : kFurtherLayers + (layer - 1) * kLayerChannels; }
+// Per layer, behind those of all layers.
+enum DebugPlane : uint32_t { kEvaluations, kReshaded, kDistance, kId, kDebugPlanes = kId + 3 };
+uint32_t debugPlane(uint32_t layers, uint32_t layer) { return layerPlane(std::max(layers, 1u)) + layer * kDebugPlanes; }
+uint32_t planeCount(uint32_t layers, bool debug) { return debugPlane(layers, debug ? layers : 0); }
+
 // Blocks that are splatted at once: enough to fill a device, few enough for the taps to stay small.
-constexpr uint64_t kMaxChunkBlocks = 128;
+constexpr uint64_t kMaxChunkBlocks = 256;
 constexpr uint64_t kMaxTapBytes = 64ull << 20;
 
 uint64_t tapsPerSide(uint32_t pad) { return 2 * uint64_t(pad) + 1; }
 uint64_t paddedPixels(uint32_t pad) { return kBlockPixels + 2 * uint64_t(pad); }
 uint64_t tapValues(uint32_t pad, uint32_t channels) {
-  return tapsPerSide(pad) * tapsPerSide(pad) * channels * kBlockArea;
+  return tapsPerSide(pad) * channels * paddedPixels(pad) * kBlockPixels;
 }
 uint64_t partialValues(uint32_t pad, uint32_t channels) { return paddedPixels(pad) * paddedPixels(pad) * channels; }
 
 uint64_t chunkBlocks(uint32_t pad) {
-  const uint64_t fitting = kMaxTapBytes / (tapValues(pad, kSharedChannels) * sizeof(float));
+  const uint64_t fitting = kMaxTapBytes / (tapValues(pad, kFirstChannels) * sizeof(float));
   return std::clamp<uint64_t>(fitting, 1, kMaxChunkBlocks);
 }
 
-// Rows of taps per invocation: all of them while their sums fit into registers and first-level cache.
-uint32_t tapRows(uint32_t pad) { return pad <= 2 ? 2 * pad + 1 : 1; }
+// Columns of taps per invocation: all of them while their sums fit into registers and first-level cache.
+uint32_t tapColumns(uint32_t pad) { return pad <= 2 ? 2 * pad + 1 : 1; }
 
 float checkedRadius(float radius) {
   if (radius > 0 && radius <= kMaxRadius) return radius;
@@ -49,57 +61,110 @@ struct SplatArguments {
   uint64_t origins, positions, taps, counters;
   uint32_t blocks, width, height, samples_per_pixel;
 };
+// RadianceArguments of shaders/film/radiance.glsl.
+struct RadianceArguments {
+  uint64_t throughput, shade, radiance;
+  uint32_t radiance_count;
+};
 
 // Counters of shaders/film/splat.glsl.
 struct Counters {
   uint32_t non_finite = 0, bad_shade = 0;
 };
 
-// Channels of the whole frame: planes of width * height sums.
-using Planes = std::vector<std::vector<float>>;
+// Sums of one pixel over its slots, of shaders/film/search_debug.comp.
+struct SearchSums {
+  float surface, failed, distance;
+  Vec3f id;
+};
+static_assert(sizeof(SearchSums) * kBlockArea <= kFirstChannels * kBlockArea * sizeof(float));  // they fit into taps
 
 }  // namespace
 
 struct Film::Impl {
-  Impl(Device& owner, uint32_t w, uint32_t h, FilterKind filter, float radius, uint32_t layer_count, uint32_t samples);
+  Impl(Device& owner, uint32_t w, uint32_t h, FilterKind filter, float radius, uint32_t layer_count, uint32_t samples,
+       bool keep_debug);
 
-  // Runs one batch, chunk by chunk. splat(commands, common, first_slot) records the first kernel.
+  void requireLayer(uint32_t layer) const;
+  void requireBlocks(std::span<const BlockOrigin> blocks) const;
+  void requireSlots(uint64_t have, size_t blocks, const char* what) const;
+  void requireSamples(std::span<const BlockOrigin> blocks, const FilmSamples& shared, const AaSamples& aa) const;
+
+  // Runs one batch, chunk by chunk. record(commands, blocks, first_slot) records the kernels, and
+  // take(blocks) reads what they wrote.
+  template <class Record, class Take>
+  void run(std::span<const BlockOrigin> blocks, Record&& record, Take&& take);
+  // The same for splats into `channels` planes from plane `first`; splat(commands, common, first_slot).
   template <class Splat>
-  void add(Planes& planes, std::span<const BlockOrigin> blocks, const FilmSamples& shared, const Kernel& sum,
-           Splat&& splat);
-  void addPartials(Planes& planes, std::span<const BlockOrigin> blocks) const;
+  void add(uint32_t first, uint32_t channels, const Kernel& sum, std::span<const BlockOrigin> blocks,
+           const FilmSamples& shared, Splat&& splat);
+  void addPartials(uint32_t first, uint32_t channels, std::span<const BlockOrigin> blocks);
+  void addPartialRows(uint32_t plane, const float* partial, uint64_t stride, std::span<const BlockOrigin> blocks,
+                      uint32_t y0, uint32_t y1);
+  void takeSearch(uint32_t layer, std::span<const BlockOrigin> blocks);
+  void resolveRow(FilmImages& images, uint32_t y);
+
   uint64_t splatGroups(uint64_t blocks) const {
-    return groupsFor(blocks * kBlockArea * (tapsPerSide(pad) / tapRows(pad)), kLocalSize);
+    return groupsFor(blocks * kBlockPixels * (tapsPerSide(pad) / tapColumns(pad)), kLocalSize);
   }
   uint64_t slots(uint64_t blocks) const { return blocks * kBlockArea * samples_per_pixel; }
-  void requireSlots(uint64_t have, size_t blocks, const char* what) const;
 
   Device& device;
-  uint32_t width, height, pad, samples_per_pixel;
-  Kernel splat_shared, splat_layer, sum_shared, sum_layer;
+  uint32_t width, height, pad, layers, samples_per_pixel;
+  bool debug;
+  Kernel splat_first, splat_layer, sum_first, sum_layer, search;
   Buffer<float> taps, partials;
   Buffer<BlockOrigin> origins;
   Buffer<Counters> counters;
-  Planes shared_sums;
-  std::vector<Planes> layer_sums;
-  std::vector<float> depth;
+  TilePlanes planes;
   uint64_t non_finite = 0;
 };
 
+namespace {
+
+std::vector<float> initialPlanes(uint32_t layers, bool debug) {
+  std::vector<float> initial(planeCount(layers, debug), 0.0f);
+  initial[kDepth] = std::numeric_limits<float>::infinity();
+  return initial;
+}
+
+}  // namespace
+
 Film::Impl::Impl(Device& owner, uint32_t w, uint32_t h, FilterKind filter, float radius, uint32_t layer_count,
-                 uint32_t samples)
-    : device(owner), width(w), height(h), pad(filterPad(checkedRadius(radius))), samples_per_pixel(samples) {
+                 uint32_t samples, bool keep_debug)
+    : device(owner),
+      width(w),
+      height(h),
+      pad(filterPad(checkedRadius(radius))),
+      layers(layer_count),
+      samples_per_pixel(samples),
+      debug(keep_debug),
+      planes(w, h, pad, initialPlanes(layer_count, keep_debug)) {
   const uint32_t splat_constants[] = {uint32_t(filter), std::bit_cast<uint32_t>(radius),
-                                      std::bit_cast<uint32_t>(1.0f / radius), pad, tapRows(pad)};
-  splat_shared = Kernel(device, "splat_shared", kSplatSharedSpirv, splat_constants);
+                                      std::bit_cast<uint32_t>(1.0f / radius), pad, tapColumns(pad)};
+  splat_first = Kernel(device, "splat_first", kSplatFirstSpirv, splat_constants);
   splat_layer = Kernel(device, "splat_layer", kSplatLayerSpirv, splat_constants);
-  sum_shared = Kernel(device, "sum_taps", kSumTapsSpirv, {{pad, kSharedChannels}});
+  sum_first = Kernel(device, "sum_taps", kSumTapsSpirv, {{pad, kFirstChannels}});
   sum_layer = Kernel(device, "sum_taps", kSumTapsSpirv, {{pad, kLayerChannels}});
-  const size_t pixels = size_t(width) * height;
-  shared_sums.assign(kSharedChannels, std::vector<float>(pixels, 0.0f));
-  layer_sums.assign(layer_count, Planes(kLayerChannels, std::vector<float>(pixels, 0.0f)));
-  depth.assign(pixels, std::numeric_limits<float>::infinity());
+  if (debug) search = Kernel(device, "search_debug", kSearchDebugSpirv);
   counters = Buffer<Counters>(device, 1, "film counters");
+}
+
+void Film::Impl::requireLayer(uint32_t layer) const {
+  if (layer >= layers) throw Error(ErrorKind::Internal, "Film: there is no layer " + std::to_string(layer));
+}
+
+void Film::Impl::requireBlocks(std::span<const BlockOrigin> blocks) const {
+  if (!planes.active()) throw Error(ErrorKind::Internal, "Film: no tile was begun");
+  const PixelRect& tile = planes.tile();
+  const auto within = [](uint32_t at, uint32_t begin, uint32_t end, uint32_t image_end) {
+    return at >= begin && at < end && (end == image_end || at + kBlockPixels <= end);
+  };
+  for (const BlockOrigin& block : blocks) {
+    if (within(block.x, tile.x0, tile.x1, width) && within(block.y, tile.y0, tile.y1, height)) continue;
+    throw Error(ErrorKind::Internal, "Film: the block at (" + std::to_string(block.x) + ", " + std::to_string(block.y) +
+                                         ") is not within the current tile");
+  }
 }
 
 void Film::Impl::requireSlots(uint64_t have, size_t blocks, const char* what) const {
@@ -108,133 +173,253 @@ void Film::Impl::requireSlots(uint64_t have, size_t blocks, const char* what) co
                                        std::to_string(blocks) + " blocks that need " + std::to_string(slots(blocks)));
 }
 
-template <class Splat>
-void Film::Impl::add(Planes& planes, std::span<const BlockOrigin> blocks, const FilmSamples& shared, const Kernel& sum,
-                     Splat&& splat) {
+void Film::Impl::requireSamples(std::span<const BlockOrigin> blocks, const FilmSamples& shared,
+                                const AaSamples& aa) const {
+  requireBlocks(blocks);
   requireSlots(shared.position.size(), blocks.size(), "position");
-  const uint32_t channels = uint32_t(planes.size());
+  requireSlots(aa.throughput.size(), blocks.size(), "throughput");
+  requireSlots(aa.shade.size(), blocks.size(), "shade");
+  if (aa.samples_per_pixel != samples_per_pixel) {
+    throw Error(ErrorKind::Internal, "Film: a layer with " + std::to_string(aa.samples_per_pixel) +
+                                         " samples per pixel on a film of " + std::to_string(samples_per_pixel));
+  }
+}
+
+template <class Record, class Take>
+void Film::Impl::run(std::span<const BlockOrigin> blocks, Record&& record, Take&& take) {
   const uint64_t chunk = std::min<uint64_t>(chunkBlocks(pad), blocks.size());
-  taps.reserve(device, chunk * tapValues(pad, kSharedChannels), "film taps");
-  partials.reserve(device, chunk * partialValues(pad, kSharedChannels), "film partials");
+  taps.reserve(device, chunk * tapValues(pad, kFirstChannels), "film taps");
+  partials.reserve(device, chunk * partialValues(pad, kFirstChannels), "film partials");
   origins.reserve(device, chunk, "film blocks");
   Commands commands(device);
   for (uint64_t first = 0; first < blocks.size(); first += chunk) {
     const auto part = blocks.subspan(first, std::min<uint64_t>(chunk, blocks.size() - first));
-    const uint32_t count = uint32_t(part.size());
     std::copy(part.begin(), part.end(), origins.host().begin());
-    origins.toDevice(0, count);
+    origins.toDevice(0, part.size());
     commands.fill(counters.raw(), 0);
-    splat(commands,
-          SplatArguments{origins.address(), shared.position.address(slots(first)), taps.address(), counters.address(),
-                         count, width, height, samples_per_pixel},
-          slots(first));
-    struct SumArguments {
-      uint64_t taps, partials;
-      uint32_t blocks;
-    };
-    commands.dispatch(sum, groupsFor(count * partialValues(pad, channels), kLocalSize),
-                      SumArguments{taps.address(), partials.address(), count});
+    record(commands, part, slots(first));
     commands.run();
     counters.toHost();
     non_finite += counters.host()[0].non_finite;
     if (const uint32_t bad = counters.host()[0].bad_shade) {
       throw Error(ErrorKind::Internal, "Film: " + std::to_string(bad) + " samples name no shading sample");
     }
-    partials.toHost(0, count * partialValues(pad, channels));
-    addPartials(planes, part);
+    take(part);
   }
 }
 
+template <class Splat>
+void Film::Impl::add(uint32_t first, uint32_t channels, const Kernel& sum, std::span<const BlockOrigin> blocks,
+                     const FilmSamples& shared, Splat&& splat) {
+  struct SumArguments {
+    uint64_t taps, partials;
+    uint32_t blocks;
+  };
+  const auto record = [&](Commands& commands, std::span<const BlockOrigin> part, uint64_t slot) {
+    const uint32_t count = uint32_t(part.size());
+    splat(commands,
+          SplatArguments{origins.address(), shared.position.address(slot), taps.address(), counters.address(), count,
+                         width, height, samples_per_pixel},
+          slot);
+    commands.dispatch(sum, groupsFor(count * partialValues(pad, channels), kLocalSize),
+                      SumArguments{taps.address(), partials.address(), count});
+  };
+  run(blocks, record, [&](std::span<const BlockOrigin> part) {
+    partials.toHost(0, part.size() * partialValues(pad, channels));
+    addPartials(first, channels, part);
+  });
+}
+
 // One block after the other, so that a pixel's sum depends on the order of blocks and on nothing else.
-void Film::Impl::addPartials(Planes& planes, std::span<const BlockOrigin> blocks) const {
+void Film::Impl::addPartials(uint32_t first, uint32_t channels, std::span<const BlockOrigin> blocks) {
+  const uint32_t band_rows = 4 * kBlockPixels;
+  const PixelRect& reach = planes.reach();
+  const uint32_t bands = (reach.height() + band_rows - 1) / band_rows;
+  tbb::parallel_for(0u, channels * bands, [&](uint32_t task) {
+    const uint32_t channel = task % channels, y0 = reach.y0 + task / channels * band_rows;
+    addPartialRows(first + channel, partials.host().data() + channel * partialValues(pad, 1),
+                   partialValues(pad, channels), blocks, y0, std::min(y0 + band_rows, reach.y1));
+  });
+}
+
+// Rows [y0, y1) of one plane. partial: its values of the first block; stride: from block to block.
+void Film::Impl::addPartialRows(uint32_t plane, const float* partial, uint64_t stride,
+                                std::span<const BlockOrigin> blocks, uint32_t y0, uint32_t y1) {
   const int64_t padded = int64_t(paddedPixels(pad));
-  const float* partial = partials.host().data();
+  const PixelRect& reach = planes.reach();
   for (const BlockOrigin& block : blocks) {
     const int64_t left = int64_t(block.x) - pad, top = int64_t(block.y) - pad;
-    const int64_t begin_x = std::max<int64_t>(left, 0), end_x = std::min<int64_t>(left + padded, width);
-    const int64_t begin_y = std::max<int64_t>(top, 0), end_y = std::min<int64_t>(top + padded, height);
-    for (std::vector<float>& plane : planes) {
-      for (int64_t y = begin_y; y < end_y; ++y) {
-        const float* from = partial + (y - top) * padded - left;
-        float* to = plane.data() + y * width;
-        for (int64_t x = begin_x; x < end_x; ++x) to[x] += from[x];
+    const int64_t begin_x = std::max<int64_t>(left, reach.x0), end_x = std::min<int64_t>(left + padded, reach.x1);
+    const int64_t end_y = std::min<int64_t>(top + padded, y1);
+    for (int64_t y = std::max<int64_t>(top, y0); y < end_y; ++y) {
+      const float* from = partial + (y - top) * padded + (begin_x - left);
+      float* to = &planes.at(plane, uint32_t(begin_x), uint32_t(y));
+      for (int64_t i = 0; i < end_x - begin_x; ++i) to[i] += from[i];
+    }
+    partial += stride;
+  }
+}
+
+void Film::Impl::takeSearch(uint32_t layer, std::span<const BlockOrigin> blocks) {
+  taps.toHost(0, blocks.size() * kBlockArea * (sizeof(SearchSums) / sizeof(float)));
+  const SearchSums* sums = reinterpret_cast<const SearchSums*>(taps.host().data());
+  const uint32_t plane = debugPlane(layers, layer);
+  for (const BlockOrigin& block : blocks) {
+    for (uint32_t pixel = 0; pixel < kBlockArea; ++pixel, ++sums) {
+      const uint32_t x = block.x + pixel % kBlockPixels, y = block.y + pixel / kBlockPixels;
+      if (x >= width || y >= height) continue;
+      const float found = sums->surface - sums->failed;
+      planes.at(plane + kReshaded, x, y) = sums->surface > 0 ? sums->failed / sums->surface : 0;
+      planes.at(plane + kDistance, x, y) = found > 0 ? sums->distance / found : 0;
+      for (uint32_t c = 0; c < 3; ++c) {
+        planes.at(plane + kId + c, x, y) = sums->id[int(c)] / float(samples_per_pixel);
       }
-      partial += padded * padded;
     }
   }
 }
 
 Film::Film(Device& device, uint32_t width, uint32_t height, FilterKind filter, float radius, uint32_t layers,
-           uint32_t samples_per_pixel)
-    : impl_(std::make_unique<Impl>(device, width, height, filter, radius, layers, samples_per_pixel)) {}
+           uint32_t samples_per_pixel, bool debug)
+    : impl_(std::make_unique<Impl>(device, width, height, filter, radius, layers, samples_per_pixel, debug)) {}
 Film::~Film() = default;
 
-void Film::addShared(std::span<const BlockOrigin> blocks, const FilmSamples& shared) {
+void Film::beginTile(PixelRect tile) { impl_->planes.begin(tile); }
+
+void Film::addFirstLayer(std::span<const BlockOrigin> blocks, const FilmSamples& shared, const AaSamples& aa,
+                         const Buffer<Vec3f>& radiance) {
+  impl_->requireLayer(0);
+  impl_->requireSamples(blocks, shared, aa);
   impl_->requireSlots(shared.normal.size(), blocks.size(), "normal");
   impl_->requireSlots(shared.coverage.size(), blocks.size(), "coverage");
   struct Arguments {
     SplatArguments common;
+    RadianceArguments radiance;
     uint64_t normal, coverage;
   };
-  impl_->add(impl_->shared_sums, blocks, shared, impl_->sum_shared,
+  impl_->add(kColor, kFirstChannels, impl_->sum_first, blocks, shared,
              [&](Commands& commands, const SplatArguments& common, uint64_t slot) {
-               commands.dispatch(impl_->splat_shared, impl_->splatGroups(common.blocks),
-                                 Arguments{common, shared.normal.address(slot), shared.coverage.address(slot)});
+               commands.dispatch(impl_->splat_first, impl_->splatGroups(common.blocks),
+                                 Arguments{common,
+                                           {aa.throughput.address(slot), aa.shade.address(slot), radiance.address(),
+                                            uint32_t(radiance.size())},
+                                           shared.normal.address(slot),
+                                           shared.coverage.address(slot)});
              });
 }
 
 void Film::addLayer(uint32_t layer, std::span<const BlockOrigin> blocks, const FilmSamples& shared, const AaSamples& aa,
                     const Buffer<Vec3f>& radiance) {
-  impl_->requireSlots(aa.throughput.size(), blocks.size(), "throughput");
-  impl_->requireSlots(aa.shade.size(), blocks.size(), "shade");
-  if (layer >= impl_->layer_sums.size()) {
-    throw Error(ErrorKind::Internal, "Film: there is no layer " + std::to_string(layer));
-  }
-  if (aa.samples_per_pixel != impl_->samples_per_pixel) {
-    throw Error(ErrorKind::Internal, "Film: a layer with " + std::to_string(aa.samples_per_pixel) +
-                                         " samples per pixel on a film of " + std::to_string(impl_->samples_per_pixel));
-  }
+  impl_->requireLayer(layer);
+  impl_->requireSamples(blocks, shared, aa);
   struct Arguments {
     SplatArguments common;
-    uint64_t throughput, shade, radiance;
-    uint32_t radiance_count;
+    RadianceArguments radiance;
   };
-  impl_->add(impl_->layer_sums[layer], blocks, shared, impl_->sum_layer,
+  impl_->add(layerPlane(layer), kLayerChannels, impl_->sum_layer, blocks, shared,
              [&](Commands& commands, const SplatArguments& common, uint64_t slot) {
                commands.dispatch(impl_->splat_layer, impl_->splatGroups(common.blocks),
-                                 Arguments{common, aa.throughput.address(slot), aa.shade.address(slot),
-                                           radiance.address(), uint32_t(radiance.size())});
+                                 Arguments{common,
+                                           {aa.throughput.address(slot), aa.shade.address(slot), radiance.address(),
+                                            uint32_t(radiance.size())}});
              });
 }
 
-void Film::addDepth(uint32_t x, uint32_t y, float depth) {
-  if (x >= impl_->width || y >= impl_->height) return;
-  float& nearest = impl_->depth[size_t(y) * impl_->width + x];
-  if (depth < nearest) nearest = depth;
+void Film::addDepth(std::span<const BlockOrigin> blocks, std::span<const float> depth) {
+  impl_->requireBlocks(blocks);
+  if (depth.size() < blocks.size() * kBlockArea) {
+    throw Error(ErrorKind::Internal,
+                "Film: " + std::to_string(depth.size()) + " depths for " + std::to_string(blocks.size()) + " blocks");
+  }
+  for (const BlockOrigin& block : blocks) {
+    for (uint32_t pixel = 0; pixel < kBlockArea; ++pixel) {
+      const uint32_t x = block.x + pixel % kBlockPixels, y = block.y + pixel / kBlockPixels;
+      if (x >= impl_->width || y >= impl_->height) continue;
+      float& nearest = impl_->planes.at(kDepth, x, y);
+      if (depth[pixel] < nearest) nearest = depth[pixel];
+    }
+    depth = depth.subspan(kBlockArea);
+  }
 }
 
-FilmImages Film::resolve() const {
-  const size_t pixels = impl_->depth.size();
-  const std::vector<float>& weight = impl_->shared_sums[kWeight];
-  // Where no sample reaches there is nothing.
-  const auto divide = [&](const std::vector<float>& sum, size_t i) { return weight[i] != 0 ? sum[i] / weight[i] : 0; };
-  const auto divide3 = [&](const Planes& sums, size_t i) {
-    return Vec3f{divide(sums[0], i), divide(sums[1], i), divide(sums[2], i)};
+void Film::addSearch(uint32_t layer, std::span<const BlockOrigin> blocks, const AaSamples& aa,
+                     const Buffer<Vec2f>& uv) {
+  if (!impl_->debug) return;
+  impl_->requireLayer(layer);
+  impl_->requireBlocks(blocks);
+  impl_->requireSlots(aa.shade.size(), blocks.size(), "shade");
+  impl_->requireSlots(aa.uv.size(), blocks.size(), "uv");
+  struct Arguments {
+    uint64_t origins, shade, aa_uv, uv, sums, counters;
+    uint32_t blocks, width, height, samples_per_pixel, uv_count;
   };
-  FilmImages images;
-  images.alpha.resize(pixels);
-  images.normal.resize(pixels);
-  images.composite.resize(pixels);
-  images.depth = impl_->depth;
-  images.layers.assign(impl_->layer_sums.size(), std::vector<Vec3f>(pixels));
-  for (size_t i = 0; i < pixels; ++i) {
-    images.alpha[i] = divide(impl_->shared_sums[kCoverage], i);
-    images.normal[i] = divide3(impl_->shared_sums, i);
-    for (size_t layer = 0; layer < images.layers.size(); ++layer) {
-      images.layers[layer][i] = divide3(impl_->layer_sums[layer], i);
-      images.composite[i] += images.layers[layer][i];
+  const auto record = [&](Commands& commands, std::span<const BlockOrigin> part, uint64_t slot) {
+    const uint32_t count = uint32_t(part.size());
+    commands.dispatch(impl_->search, groupsFor(count * kBlockArea, kLocalSize),
+                      Arguments{impl_->origins.address(), aa.shade.address(slot), aa.uv.address(slot), uv.address(),
+                                impl_->taps.address(), impl_->counters.address(), count, impl_->width, impl_->height,
+                                impl_->samples_per_pixel, uint32_t(uv.size())});
+  };
+  impl_->run(blocks, record, [&](std::span<const BlockOrigin> part) { impl_->takeSearch(layer, part); });
+}
+
+void Film::addEvaluation(uint32_t layer, uint32_t x, uint32_t y) {
+  if (!impl_->debug || x >= impl_->width || y >= impl_->height) return;
+  impl_->requireLayer(layer);
+  const PixelRect& tile = impl_->planes.tile();
+  if (!impl_->planes.active() || x < tile.x0 || x >= tile.x1 || y < tile.y0 || y >= tile.y1) {
+    throw Error(ErrorKind::Internal, "Film: an evaluation in pixel (" + std::to_string(x) + ", " + std::to_string(y) +
+                                         "), which is not within the current tile");
+  }
+  impl_->planes.at(debugPlane(impl_->layers, layer) + kEvaluations, x, y) += 1;
+}
+
+void Film::Impl::resolveRow(FilmImages& images, uint32_t y) {
+  const PixelRect& rect = images.rect;
+  const std::span<const float> weight = planes.row(kWeight, y);
+  const auto value = [&](uint32_t plane, size_t i) { return planes.row(plane, y)[i]; };
+  // Where no sample reaches there is nothing.
+  const auto divide = [&](uint32_t plane, size_t i) { return weight[i] != 0 ? value(plane, i) / weight[i] : 0; };
+  const auto divide3 = [&](uint32_t plane, size_t i) {
+    return Vec3f{divide(plane, i), divide(plane + 1, i), divide(plane + 2, i)};
+  };
+  for (uint32_t x = rect.x0; x < rect.x1; ++x) {
+    const size_t from = x - planes.reach().x0, to = size_t(y - rect.y0) * rect.width() + (x - rect.x0);
+    images.alpha[to] = divide(kCoverage, from);
+    images.normal[to] = divide3(kNormal, from);
+    images.depth[to] = value(kDepth, from);
+    for (uint32_t layer = 0; layer < layers; ++layer) {
+      images.layers[layer][to] = divide3(layerPlane(layer), from);
+      images.composite[to] += images.layers[layer][to];
+    }
+    for (uint32_t layer = 0; layer < images.debug.size(); ++layer) {
+      const uint32_t plane = debugPlane(layers, layer);
+      DebugImages& shown = images.debug[layer];
+      shown.evaluations[to] = value(plane + kEvaluations, from);
+      shown.reshaded[to] = value(plane + kReshaded, from);
+      shown.distance[to] = value(plane + kDistance, from);
+      shown.id[to] = {value(plane + kId, from), value(plane + kId + 1, from), value(plane + kId + 2, from)};
     }
   }
+}
+
+FilmImages Film::finishTile() {
+  FilmImages images;
+  images.rect = impl_->planes.finish();
+  const size_t pixels = images.rect.area();
+  images.alpha.resize(pixels);
+  images.normal.resize(pixels);
+  images.depth.resize(pixels);
+  images.composite.resize(pixels);
+  images.layers.resize(impl_->layers);
+  for (std::vector<Vec3f>& layer : images.layers) layer.resize(pixels);
+  images.debug.resize(impl_->debug ? impl_->layers : 0);
+  for (DebugImages& debug : images.debug) {
+    debug.evaluations.resize(pixels);
+    debug.reshaded.resize(pixels);
+    debug.distance.resize(pixels);
+    debug.id.resize(pixels);
+  }
+  tbb::parallel_for(images.rect.y0, images.rect.y1, [&](uint32_t y) { impl_->resolveRow(images, y); });
   return images;
 }
 
@@ -242,12 +427,18 @@ uint64_t Film::nonFiniteSamples() const { return impl_->non_finite; }
 
 uint64_t Film::partialBytes(uint64_t blocks, float radius) {
   const uint32_t pad = filterPad(checkedRadius(radius));
-  const uint64_t values = tapValues(pad, kSharedChannels) + partialValues(pad, kSharedChannels);
+  const uint64_t values = tapValues(pad, kFirstChannels) + partialValues(pad, kFirstChannels);
   return std::min(blocks, chunkBlocks(pad)) * (values * sizeof(float) + sizeof(BlockOrigin)) + sizeof(Counters);
 }
 
-uint64_t Film::frameBytes(uint64_t pixels, uint32_t layers) {
-  return pixels * sizeof(float) * (kSharedChannels + 1 + uint64_t(layers) * kLayerChannels);
+uint64_t Film::tileBytes(PixelRect tile, uint32_t image_width, float radius, uint32_t layers, bool debug) {
+  const uint32_t pad = filterPad(checkedRadius(radius));
+  // Finished pixels reach into the tiles before, and never beyond the tile.
+  const uint64_t columns = std::min<uint64_t>(tile.width() + uint64_t(pad), image_width);
+  const uint64_t debug_bytes = debug ? layers * (3 * sizeof(float) + sizeof(Vec3f)) : 0;
+  const uint64_t pixel_bytes = (layers + 2) * sizeof(Vec3f) + 2 * sizeof(float) + debug_bytes;
+  return TilePlanes::bytes(tile, image_width, pad, planeCount(layers, debug)) +
+         columns * (tile.height() + uint64_t(pad)) * pixel_bytes;
 }
 
 }  // namespace encore

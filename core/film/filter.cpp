@@ -30,17 +30,15 @@ float mitchellWeight(float t) {
   return ((-0.3888889f * s + 2.0f) * s - 3.3333333f) * s + 1.7777778f;
 }
 
-// The four-term window of Harris 1978, with cos(πt) from the series of sin(πt/2).
+// The four-term window of Harris 1978 as a polynomial of cos(πt), which is a polynomial of t² fitted over
+// Chebyshev nodes. Right to 1.1e-6.
 float blackmanHarrisWeight(float t) {
-  const float y = 1.5707964f * t;
-  const float q = y * y;
-  float s = 1.0f - q * 0.009090909f;
-  s = 1.0f - q * 0.013888889f * s;
-  s = 1.0f - q * 0.023809524f * s;
-  s = 1.0f - q * 0.05f * s;
-  s = 1.0f - q * 0.16666667f * s;
-  s = y * s;
-  const float c = 1.0f - 2.0f * (s * s);
+  const float q = t * t;
+  float c = 0.22965036f - q * 0.020577252f;
+  c = q * c - 1.3323691f;
+  c = q * c + 4.058041f;
+  c = q * c - 4.9347453f;
+  c = q * c + 0.9999992f;
   return 0.21747f + c * (0.45325f + c * (0.28256f + c * 0.04672f));
 }
 
@@ -49,7 +47,7 @@ float blackmanHarrisWeight(float t) {
 float filterWeight(FilterKind kind, float radius, float x) {
   if (kind == FilterKind::Box) return x > -radius && x <= radius ? 1.0f : 0.0f;
   if (!(std::abs(x) < radius)) return 0.0f;
-  const float t = std::min(std::abs(x) * (1.0f / radius), 1.0f);
+  const float t = std::abs(x) * (1.0f / radius);
   switch (kind) {
     case FilterKind::Gaussian:
       return gaussianWeight(t);

@@ -1,4 +1,7 @@
+#include <limits>
+
 #include "core/path/path.h"
+#include "core/trace/clones.h"
 
 namespace encore {
 
@@ -25,6 +28,37 @@ Ray CameraRays::ray(float film_x, float film_y) const {
   const Vec3f direction = normalize(filmDirection(film_x, film_y));
   const float cosine = dot(direction, forward_);  // > 0: local z is -1 everywhere on the film
   return {origin_, std::max(0.0f, near_ / cosine), direction, far_ / cosine};
+}
+
+// The expressions of ray() and filmDirection(), in the same order.
+ENCORE_AVX2_CLONES
+void CameraRays::rays(const float* film_x, const float* film_y, RayPacket& rays) const {
+  RayPacket r;
+  for (uint32_t i = 0; i < kPacketWidth; ++i) {
+    const float x = film_x[i] - half_width_, y = film_y[i] - half_height_;
+    const float dx = centre_.x + (step_x_.x * x + step_y_.x * y), dy = centre_.y + (step_x_.y * x + step_y_.y * y),
+                dz = centre_.z + (step_x_.z * x + step_y_.z * y);
+    const float size = std::sqrt(dx * dx + dy * dy + dz * dz), divisor = size > 0 ? size : 1;
+    const float ux = dx / divisor, uy = dy / divisor, uz = dz / divisor;
+    const float cosine = ux * forward_.x + uy * forward_.y + uz * forward_.z;
+    const float tnear = near_ / cosine;
+    r.dx[i] = ux, r.dy[i] = uy, r.dz[i] = uz;
+    r.tnear[i] = 0 < tnear ? tnear : 0, r.tfar[i] = far_ / cosine;
+  }
+  rays = r;
+}
+
+ENCORE_AVX2_CLONES
+void CameraRays::depths(const RayPacket& rays, const HitPacket& hits, PacketLanes<float>& depth) const {
+  PacketLanes<float> d;
+  for (uint32_t i = 0; i < kPacketWidth; ++i) {
+    const float t = hits.t[i];
+    const float x = origin_.x + rays.dx[i] * t - origin_.x, y = origin_.y + rays.dy[i] * t - origin_.y,
+                z = origin_.z + rays.dz[i] * t - origin_.z;
+    const float along = x * forward_.x + y * forward_.y + z * forward_.z;
+    d[i] = hits.instance[i] != kNoInstance ? along : std::numeric_limits<float>::infinity();
+  }
+  for (uint32_t i = 0; i < kPacketWidth; ++i) depth[i] = d[i];
 }
 
 // Igehy 1999, eq. 8.

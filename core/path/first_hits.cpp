@@ -11,11 +11,7 @@ void traceFirstHits(const ShadeContext& context, const CameraRays& camera, std::
     for (uint32_t slot = begin; slot < end; ++slot) {
       FirstHit& f = first[slot];
       f.hit = {};
-      if (!f.active) continue;
-      const Ray ray = camera.ray(f.film_x, f.film_y);
-      f.origin = ray.origin;
-      f.direction = ray.direction;
-      queue.push(ray, slot);
+      if (f.active()) queue.push(camera.ray(f.film_x, f.film_y), slot);
     }
     queue.finish();
   });

@@ -2,10 +2,12 @@
 //
 // Where this leaves the listing as printed: the recursion is a loop over bounces; effects of the first hit
 // are forced by the layer (§2.4); lights and the background end a path too, with their radiance.
-#include <limits>
+#include <atomic>
 
 #include "core/path/blocks.h"
 #include "core/path/differentials.h"
+#include "core/path/direct_layer.h"
+#include "core/path/footprint.h"
 #include "core/path/path.h"
 #include "core/path/scatter.h"
 #include "core/shade/lights.h"
@@ -13,17 +15,6 @@
 namespace encore {
 
 namespace {
-
-// Lights that the camera sees. Near and far clipping planes do not cut them.
-std::vector<Light> cameraLights(const Scene& scene, const Settings& settings) {
-  std::vector<Light> lights;
-  for (const Light& light : scene.lights)
-    if (light.kind == Light::Kind::Dome ? settings.dome_light_visible : settings.lights_visible)
-      lights.push_back(light);
-  return lights;
-}
-
-bool carriesSomething(Vec3f throughput) { return isFinite(throughput) && maxComponent(throughput) > 0; }
 
 // A path that ended on a light, on the background or nowhere.
 void endWithout(PathVertex& vertex, Vec3f radiance) {
@@ -50,13 +41,15 @@ struct BlockPaths {
 class Wavefront {
  public:
   Wavefront(const ShadeContext& context, const CameraRays& camera, Layer layer, std::span<const FirstHit> first,
-            std::span<const uint32_t> ends, std::span<PathVertex> vertices)
+            std::span<const uint32_t> ends, std::span<PathVertex> vertices, const SampleOutputs& out)
       : context_(context),
         camera_(camera),
         layer_(layer),
         first_(first),
         ends_(ends),
         vertices_(vertices),
+        out_(out),
+        footprints_(!out.footprint.empty() || needsFootprints(context.settings)),
         camera_lights_(cameraLights(context.scene, context.settings)) {
     const float limit = context.settings.roughness_limit;
     const bool delta = anyDelta(context.scene.lights);
@@ -69,12 +62,14 @@ class Wavefront {
     }
   }
 
-  void run() {
+  // Returns the number of paths that end on a surface.
+  uint64_t run() {
     const bool any_varies = std::find(path_varies_.begin(), path_varies_.end(), 1) != path_varies_.end();
     if (any_varies)
       runTogether();
     else
       runApart();
+    return on_surface_;
   }
 
  private:
@@ -83,6 +78,7 @@ class Wavefront {
     forEachBlock(ends_, [&](size_t, uint32_t begin, uint32_t end) {
       BlockPaths block = start(begin, end);
       for (uint32_t bounce = 0; !block.paths.empty(); ++bounce) advance(block, bounce);
+      store(begin, end);
     });
   }
 
@@ -95,6 +91,21 @@ class Wavefront {
       evaluatePathInputs(blocks);
       forEachBlock(ends_, [&](size_t block, uint32_t, uint32_t) { advance(blocks[block], bounce); });
     }
+    forEachBlock(ends_, [&](size_t, uint32_t begin, uint32_t end) { store(begin, end); });
+  }
+
+  // The values of a block's finished paths.
+  void store(uint32_t begin, uint32_t end) {
+    uint64_t on_surface = 0;
+    for (uint32_t i = begin; i < end; ++i) {
+      const PathVertex& v = vertices_[i];
+      on_surface += v.hit.valid();
+      if (!out_.key.empty()) out_.key[i] = v.key;
+      if (!out_.uv.empty()) out_.uv[i] = v.uv;
+      if (!out_.throughput.empty()) out_.throughput[i] = v.throughput;
+      if (!out_.footprint.empty()) out_.footprint[i] = v.footprint;
+    }
+    on_surface_.fetch_add(on_surface, std::memory_order_relaxed);
   }
 
   BlockPaths start(uint32_t begin, uint32_t end) {
@@ -111,10 +122,11 @@ class Wavefront {
   bool startPath(uint32_t i) {
     const FirstHit& first = first_[i];
     PathVertex& vertex = vertices_[i];
-    vertex = {first.hit, {1, 1, 1}, first.direction, {}, {}, first.pixel, first.sample, {kNoInstance, 0}, {}};
-    if (!first.active) return endWithout(vertex, {}), false;
+    vertex = {first.hit, {1, 1, 1}, {}, {}, {}, first.pixel, first.sample, {kNoInstance, 0}, {}};
+    if (!first.active()) return endWithout(vertex, {}), false;
+    vertex.direction = camera_.ray(first.film_x, first.film_y).direction;
     if (!camera_lights_.empty()) {
-      const LightHit light = intersectLights(camera_lights_, first.origin, first.direction, first.hit.t);
+      const LightHit light = intersectLights(camera_lights_, camera_.origin(), vertex.direction, first.hit.t);
       // What covers the camera's ray belongs to the direct layer only.
       if (light.valid) return endWithout(vertex, layer_ == Layer::Direct ? light.radiance : Vec3f{}), false;
     }
@@ -187,7 +199,7 @@ class Wavefront {
     size_t next_input = block.first_input;
     for (size_t k = 0; k < block.paths.size(); ++k) {
       const PathVertex& v = vertices_[block.paths[k]];
-      const SurfacePoint point = context_.trace.surface(v.hit, v.direction, layer_ != Layer::Direct);
+      const SurfacePoint point = context_.trace.surface(v.hit, v.direction, false);
       const size_t material = size_t(point.material);
       const PathInputs& inputs =
           path_varies_[material] ? inputs_[next_input++] : context_.patterns.constantPath(point.material);
@@ -212,6 +224,9 @@ class Wavefront {
       if (!carriesSomething(vertex.throughput)) return endWithout(vertex, {});
       vertex.key = arrival.point.key(vertex.hit.instance);
       vertex.uv = arrival.point.uv;
+      if (!footprints_) return;
+      vertex.footprint = context_.trace.parametricFootprint(vertex.hit, arrival.point, vertex.dpdx, vertex.dpdy);
+      vertex.key = reuseKey(vertex.key, vertex.footprint, context_.settings.footprint_reuse);
       return;
     }
     const Departure departure = depart(arrival, chosen.effect, random);
@@ -219,7 +234,9 @@ class Wavefront {
     if (!departure.valid || !carriesSomething(vertex.throughput)) return endWithout(vertex, {});
     const Spread bent = bend(arrival, departure, chosen.effect, vertex, spread);
     vertex.direction = departure.direction;
-    queue.push({arrival.point.offsetOrigin(departure.direction), 0, departure.direction},
+    SurfacePoint point = arrival.point;
+    point.position_error = context_.trace.positionError(vertex.hit, point);  // only rays that leave need it
+    queue.push({point.offsetOrigin(departure.direction), 0, departure.direction},
                {i, chosen.effect == Effect::Reflect, bent});
   }
 
@@ -261,6 +278,9 @@ class Wavefront {
   std::span<const FirstHit> first_;
   std::span<const uint32_t> ends_;
   std::span<PathVertex> vertices_;
+  const SampleOutputs& out_;
+  bool footprints_;
+  std::atomic<uint64_t> on_surface_{0};
   std::vector<Light> camera_lights_;
   std::vector<uint8_t> view_weight_in_shading_, path_varies_, feeds_layer_;  // per material
   std::vector<PathInputs> inputs_;  // of the active paths whose material varies
@@ -268,9 +288,9 @@ class Wavefront {
 
 }  // namespace
 
-void tracePaths(const ShadeContext& context, const CameraRays& camera, Layer layer, std::span<const FirstHit> first,
-                std::span<const uint32_t> ends, std::span<PathVertex> vertices) {
-  Wavefront(context, camera, layer, first, ends, vertices).run();
+uint64_t tracePaths(const ShadeContext& context, const CameraRays& camera, Layer layer, std::span<const FirstHit> first,
+                    std::span<const uint32_t> ends, std::span<PathVertex> vertices, const SampleOutputs& out) {
+  return Wavefront(context, camera, layer, first, ends, vertices, out).run();
 }
 
 }  // namespace encore

@@ -48,7 +48,16 @@ inline constexpr Names<Light::Kind, 4> kLightKinds{{{"distant", Light::Kind::Dis
                                                     {"rect", Light::Kind::Rect},
                                                     {"sphere", Light::Kind::Sphere},
                                                     {"dome", Light::Kind::Dome}}};
-inline constexpr Names<Method, 2> kMethods{{{"reuse", Method::Reuse}, {"reference", Method::Reference}}};
+inline constexpr Names<Method, 5> kMethods{{{"reuse", Method::Reuse},
+                                            {"reference", Method::Reference},
+                                            {"decoupled", Method::Decoupled},
+                                            {"decoupled-pixel", Method::DecoupledPixel},
+                                            {"vertex", Method::Vertex}}};
+inline constexpr Names<Search, 4> kSearches{
+    {{"auto", Search::Auto}, {"tree", Search::Tree}, {"groups", Search::Groups}, {"cells", Search::Cells}}};
+inline constexpr Names<FootprintReuse, 3> kFootprintReuses{{{"ignore", FootprintReuse::Ignore},
+                                                            {"metric", FootprintReuse::Metric},
+                                                            {"octaves", FootprintReuse::Octaves}}};
 inline constexpr Names<FilterKind, 4> kFilters{{{"box", FilterKind::Box},
                                                 {"gaussian", FilterKind::Gaussian},
                                                 {"mitchell", FilterKind::Mitchell},

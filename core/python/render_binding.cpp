@@ -49,6 +49,12 @@ void convert(const std::string& key, nb::handle value, T& field) {
 void convert(const std::string& key, nb::handle value, Method& field) {
   field = fromName(kMethods, nb::cast<std::string>(nb::str(value)), key, ErrorKind::Setting);
 }
+void convert(const std::string& key, nb::handle value, Search& field) {
+  field = fromName(kSearches, nb::cast<std::string>(nb::str(value)), key, ErrorKind::Setting);
+}
+void convert(const std::string& key, nb::handle value, FootprintReuse& field) {
+  field = fromName(kFootprintReuses, nb::cast<std::string>(nb::str(value)), key, ErrorKind::Setting);
+}
 void convert(const std::string& key, nb::handle value, FilterKind& field) {
   field = fromName(kFilters, nb::cast<std::string>(nb::str(value)), key, ErrorKind::Setting);
 }
@@ -61,6 +67,8 @@ void forEachField(S& s, const Visit& visit) {
   visit("height", s.height);
   visit("samples", s.samples);
   visit("shading_rate", s.shading_rate);
+  visit("shading_rate_reflection", s.shading_rate_reflection);
+  visit("shading_rate_refraction", s.shading_rate_refraction);
   visit("max_bounces", s.max_bounces);
   visit("filter", s.filter);
   visit("filter_radius_pixels", s.filter_radius_pixels);
@@ -71,6 +79,12 @@ void forEachField(S& s, const Visit& visit) {
   visit("occlusion_samples", s.occlusion_samples);
   visit("seed", s.seed);
   visit("reuse_tile_pixels", s.reuse_tile_pixels);
+  visit("search", s.search);
+  visit("footprint_reuse", s.footprint_reuse);
+  visit("footprint_weight", s.footprint_weight);
+  visit("max_reuse_distance", s.max_reuse_distance);
+  visit("world_space_parameters", s.world_space_parameters);
+  visit("debug_aovs", s.debug_aovs);
   visit("memory_budget_bytes", s.memory_budget_bytes);
   visit("threads", s.threads);
   visit("dome_light_visible", s.dome_light_visible);
@@ -101,6 +115,10 @@ nb::dict readSettings(const Settings& settings) {
       d[name] = toName(kMethods, field);
     else if constexpr (std::is_same_v<T, FilterKind>)
       d[name] = toName(kFilters, field);
+    else if constexpr (std::is_same_v<T, Search>)
+      d[name] = toName(kSearches, field);
+    else if constexpr (std::is_same_v<T, FootprintReuse>)
+      d[name] = toName(kFootprintReuses, field);
     else
       d[name] = field;
   });
@@ -133,6 +151,7 @@ nb::dict readStatistics(const Statistics& statistics) {
     l["shade_s"] = layer.shade_s;
     l["reuse_s"] = layer.reuse_s;
     l["film_s"] = layer.film_s;
+    l["search"] = toName(kSearches, layer.search);
     layers[name.c_str()] = l;
   }
   d["layers"] = layers;
@@ -147,58 +166,101 @@ nb::dict readStatistics(const Statistics& statistics) {
   return d;
 }
 
-nb::dict readFrame(Frame&& frame, uint32_t width, uint32_t height) {
-  FilmImages& images = frame.images;
-  nb::dict layers, d;
-  for (size_t i = 0; i < frame.layers.size(); ++i)
-    layers[layerName(frame.layers[i])] = toNumpy(std::move(images.layers[i]), {height, width});
+// The arrays take over the images' memory.
+nb::dict readImages(FilmImages&& images, const std::vector<Layer>& names) {
+  const size_t height = images.rect.height(), width = images.rect.width();
+  nb::dict layers, debug, d;
+  for (size_t i = 0; i < images.layers.size(); ++i)
+    layers[layerName(names[i])] = toNumpy(std::move(images.layers[i]), {height, width});
   d["layers"] = layers;
   d["composite"] = toNumpy(std::move(images.composite), {height, width});
   d["alpha"] = toNumpy(std::move(images.alpha), {height, width});
   d["depth"] = toNumpy(std::move(images.depth), {height, width});
   d["normal"] = toNumpy(std::move(images.normal), {height, width});
-  d["statistics"] = readStatistics(frame.statistics);
+  for (size_t i = 0; i < images.debug.size(); ++i) {
+    DebugImages& from = images.debug[i];
+    nb::dict l;
+    l["evaluations"] = toNumpy(std::move(from.evaluations), {height, width});
+    l["reshaded"] = toNumpy(std::move(from.reshaded), {height, width});
+    l["distance"] = toNumpy(std::move(from.distance), {height, width});
+    l["id"] = toNumpy(std::move(from.id), {height, width});
+    debug[layerName(names[i])] = l;
+  }
+  if (!images.debug.empty()) d["debug"] = debug;
   return d;
 }
 
 // Calls back into Python, and looks for signals. An exception is kept until render() has unwound.
-class PythonProgress {
+class PythonCallbacks {
  public:
-  explicit PythonProgress(nb::object callback) : callback_(std::move(callback)) {}
+  PythonCallbacks(nb::object progress, nb::object tile) : progress_(std::move(progress)), tile_(std::move(tile)) {}
 
   bool operator()(double done, const char* stage) {
     const nb::gil_scoped_acquire gil;
     try {
       if (PyErr_CheckSignals() != 0) throw nb::python_error();
-      return callback_.is_none() || nb::cast<bool>(nb::bool_(callback_(done, stage)));
+      return progress_.is_none() || nb::cast<bool>(nb::bool_(progress_(done, stage)));
     } catch (...) {
       raised_ = std::current_exception();
       return false;
     }
   }
+  void operator()(FilmImages&& images, const std::vector<Layer>& layers) {
+    const nb::gil_scoped_acquire gil;
+    try {
+      const uint32_t x0 = images.rect.x0, y0 = images.rect.y0;
+      tile_(x0, y0, readImages(std::move(images), layers));
+    } catch (...) {
+      raised_ = std::current_exception();
+      throw Error(ErrorKind::Cancelled, "the receiver of tiles failed");
+    }
+  }
+  bool takesTiles() const { return !tile_.is_none(); }
   void rethrow() const {
     if (raised_) std::rethrow_exception(raised_);
   }
 
  private:
-  nb::object callback_;
+  nb::object progress_, tile_;
   std::exception_ptr raised_;
 };
 
-nb::dict renderScene(Scene& scene, const nb::dict& given, std::shared_ptr<Device> device, nb::object progress) {
+nb::dict renderScene(Scene& scene, const nb::dict& given, std::shared_ptr<Device> device, nb::object progress,
+                     nb::object tile) {
   const Settings settings = toSettings(given);
-  PythonProgress python_progress(std::move(progress));
+  PythonCallbacks callbacks(std::move(progress), std::move(tile));
   Frame frame;
   try {
     const nb::gil_scoped_release release;
     settings.validate();
     if (!device) device = Device::create();
-    frame = render(scene, settings, *device, std::ref(python_progress));
+    TileSink sink;
+    if (callbacks.takesTiles()) {
+      const std::vector<Layer> layers = sceneLayers(scene, settings);
+      sink = [&callbacks, layers](FilmImages&& images) { callbacks(std::move(images), layers); };
+    }
+    frame = render(scene, settings, *device, std::ref(callbacks), sink);
   } catch (const Error&) {
-    python_progress.rethrow();  // what stopped the frame, rather than that it was stopped
+    callbacks.rethrow();  // what stopped the frame, rather than that it was stopped
     throw;
   }
-  return readFrame(std::move(frame), settings.width, settings.height);
+  nb::dict result;
+  if (!callbacks.takesTiles()) result = readImages(std::move(frame.images), frame.layers);
+  result["statistics"] = readStatistics(frame.statistics);
+  return result;
+}
+
+nb::dict traceRaw(Scene& scene, const nb::dict& given) {
+  const Settings settings = toSettings(given);
+  RawTrace raw;
+  {
+    const nb::gil_scoped_release release;
+    raw = timeRawRays(scene, settings);
+  }
+  nb::dict d;
+  d["rays"] = raw.rays;
+  d["seconds"] = raw.seconds;
+  return d;
 }
 
 }  // namespace
@@ -231,12 +293,18 @@ void bindRender(nb::module_& module) {
       "default_settings", [] { return readSettings(Settings{}); },
       "Every setting and its default; the keys that render() knows.");
   module.def("render", &renderScene, nb::arg("scene"), nb::arg("settings"), nb::arg("device") = nb::none(),
-             nb::arg("progress") = nb::none(),
+             nb::arg("progress") = nb::none(), nb::arg("tile") = nb::none(),
              "Renders one frame.\n\n"
              "settings: see default_settings(). progress(done, stage): called now and then with done in [0, 1];\n"
              "returning False cancels, and what it raises is raised here. The scene must not change meanwhile.\n"
              "Result: 'layers' (name → (height, width, 3)), 'composite' and 'normal' (height, width, 3), 'alpha'\n"
-             "and 'depth' (height, width), all float32, and 'statistics'. Raises Error.");
+             "and 'depth' (height, width), with debug_aovs 'debug' (layer → 'evaluations', 'reshaded', 'distance'\n"
+             "(height, width) and 'id' (height, width, 3)), all float32, and 'statistics'. Raises Error.\n"
+             "tile(x0, y0, images): takes these arrays rectangle by rectangle as they become final, in rows of one\n"
+             "height, each pixel once; the result then holds only 'statistics'.");
+  module.def("trace_raw", &traceRaw, nb::arg("scene"), nb::arg("settings"),
+             "Rays of a frame's antialiasing samples and the seconds in which Embree alone traces them, in packets of\n"
+             "16 that are ready before the clock runs: what a frame is compared with. Result: 'rays', 'seconds'.");
 }
 
 }  // namespace encore::python

@@ -55,7 +55,7 @@ size_t addMesh(Scene& scene, std::string path, const ArrayOf<Vec3f>& points, con
                const std::optional<PrimvarTuple<Vec3f>>& normals,
                const std::optional<PrimvarTuple<Vec3f>>& display_color, const std::vector<TexcoordTuple>& texcoords,
                const OptionalArrayOf<int32_t>& face_materials, int32_t material, float target_edge_length_world,
-               float shading_rate) {
+               LayerRates shading_rate) {
   Mesh mesh;
   mesh.path = std::move(path);
   mesh.scheme = fromName(kSchemes, scheme, mesh.path + ".subdivisionScheme");
@@ -91,12 +91,17 @@ size_t addMesh(Scene& scene, std::string path, const ArrayOf<Vec3f>& points, con
 }
 
 size_t addInstances(Scene& scene, const std::string& path, uint32_t prototype, const MatricesArray& matrices,
-                    const OptionalArrayOf<int64_t>& ids, int32_t material) {
+                    const OptionalArrayOf<int64_t>& ids, int32_t material,
+                    const OptionalArrayOf<Vec3f>& shading_rates) {
   const size_t count = matrices.shape(0), first = scene.instances.size();
   if (ids && ids->shape(0) != count) throw Error(ErrorKind::Internal, "there are not as many ids as matrices", path);
+  if (shading_rates && shading_rates->shape(0) != count)
+    throw Error(ErrorKind::Internal, "there are not as many shading rates as matrices", path);
   for (size_t i = 0; i < count; ++i) {
+    LayerRates rates{};
+    if (shading_rates) std::copy_n(shading_rates->data() + 3 * i, 3, rates.begin());
     std::string name = ids ? path + "[" + std::to_string(ids->data()[i]) + "]" : path;
-    scene.instances.push_back({std::move(name), prototype, toAffine(matrices.data() + i * 16), material});
+    scene.instances.push_back({std::move(name), prototype, toAffine(matrices.data() + i * 16), material, rates});
   }
   return first;
 }
@@ -232,11 +237,12 @@ void bindAdding(nb::class_<Scene>& scene) {
             nb::arg("crease_sharpnesses") = nb::none(), nb::arg("normals") = nb::none(),
             nb::arg("display_color") = nb::none(), nb::arg("texcoords") = nb::list(),
             nb::arg("face_materials") = nb::none(), nb::arg("material") = 0, nb::arg("target_edge_length_world") = 0.0f,
-            nb::arg("shading_rate") = 0.0f,
+            nb::arg("shading_rate") = LayerRates{},
             "Adds a mesh; its index. Raises Error (kind 'scene') when it cannot be rendered.\n\n"
             "points: (n, 3) float32, prototype space; counts and indices: int32. Primvars are tuples\n"
             "(interpolation, values, indices or None), texcoords a list of (name, interpolation, values, indices).\n"
-            "face_materials: one material index per face, -1 for `material`. Materials must be there before.");
+            "face_materials: one material index per face, -1 for `material`. Materials must be there before.\n"
+            "shading_rate: per pixel in the direct, reflection and refraction layer; 0: the frame's.");
   scene.def(
       "add_prototype",
       [](Scene& self, std::string path, std::vector<uint32_t> meshes) {
@@ -246,16 +252,19 @@ void bindAdding(nb::class_<Scene>& scene) {
       nb::arg("path"), nb::arg("meshes"), "Adds meshes that are placed together; the prototype's index.");
   scene.def(
       "add_instance",
-      [](Scene& self, std::string path, uint32_t prototype, const MatrixArray& matrix, int32_t material) {
-        self.instances.push_back({std::move(path), prototype, toAffine(matrix.data()), material});
+      [](Scene& self, std::string path, uint32_t prototype, const MatrixArray& matrix, int32_t material,
+         LayerRates shading_rate) {
+        self.instances.push_back({std::move(path), prototype, toAffine(matrix.data()), material, shading_rate});
         return self.instances.size() - 1;
       },
       nb::arg("path"), nb::arg("prototype"), nb::arg("matrix"), nb::arg("material") = -1,
+      nb::arg("shading_rate") = LayerRates{},
       "Places a prototype; the instance's index. matrix: (4, 4) float64, USD's row vectors.\n"
-      "material: replaces the meshes' own where it is not -1.");
+      "material: replaces the meshes' own where it is not -1; shading_rate where above 0, per layer.");
   scene.def("add_instances", &addInstances, nb::arg("path"), nb::arg("prototype"), nb::arg("matrices"),
-            nb::arg("ids") = nb::none(), nb::arg("material") = -1,
-            "Places a prototype once per matrix (n, 4, 4); the first index. Paths: path, or path[id] with ids.");
+            nb::arg("ids") = nb::none(), nb::arg("material") = -1, nb::arg("shading_rates") = nb::none(),
+            "Places a prototype once per matrix (n, 4, 4); the first index. Paths: path, or path[id] with ids.\n"
+            "shading_rates: (n, 3) float32, as add_instance's.");
   scene.def("add_texture", &addTexture, nb::arg("path"), nb::arg("pixels"),
             "Adds linear pixels (height, width, 4) float32, bottom row first; the texture's index.");
   scene.def("add_material", &addMaterial, nb::arg("path"), nb::arg("inputs") = nb::dict(),

@@ -87,7 +87,7 @@ nb::dict readMesh(const Mesh& mesh) {
   d["face_materials"] = copyToNumpy(mesh.face_materials);
   d["material"] = mesh.material;
   d["target_edge_length_world"] = mesh.target_edge_length_world;
-  d["shading_rate"] = mesh.shading_rate;
+  d["shading_rate"] = nb::make_tuple(mesh.shading_rate[0], mesh.shading_rate[1], mesh.shading_rate[2]);
   return d;
 }
 
@@ -97,6 +97,7 @@ nb::dict readInstance(const Instance& instance) {
   d["prototype"] = instance.prototype;
   d["to_world"] = matrix(instance.to_world);
   d["material"] = instance.material;
+  d["shading_rate"] = nb::make_tuple(instance.shading_rate[0], instance.shading_rate[1], instance.shading_rate[2]);
   return d;
 }
 

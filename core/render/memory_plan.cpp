@@ -1,12 +1,12 @@
 #include "core/render/memory_plan.h"
 
 #include <algorithm>
-#include <cmath>
 #include <fstream>
 #include <string>
 
 #include "core/film/film.h"
 #include "core/path/path.h"
+#include "core/render/samples.h"
 #include "core/reuse/reuse.h"
 #include "core/scene/error.h"
 
@@ -15,41 +15,56 @@ namespace {
 
 // Larger batches gain nothing: a dispatch over a million samples already hides its launch.
 constexpr uint64_t kMaxSlotsPerBatch = 1u << 20;
+// Each of them takes tens of rays to shade.
+constexpr uint64_t kMaxSeedsPerBatch = 1u << 17;
 
 // What core/path and core/shade keep beside a path's vertex while it is on its way: how its ray spreads, and
 // the pattern points and inputs of a hit, each of them twice while blocks are joined.
 constexpr uint64_t kPathStateBytes = 2 * (sizeof(PatternPoint) + sizeof(PathInputs)) + 32;
-constexpr uint64_t kAaSampleBytes = sizeof(SurfaceKey) + sizeof(Vec2f) + sizeof(Vec3f) + sizeof(uint32_t);
+constexpr uint64_t kAaSampleBytes =
+    sizeof(SurfaceKey) + sizeof(Vec2f) + sizeof(Vec3f) + sizeof(float) + 2 * sizeof(uint32_t);
 constexpr uint64_t kFilmSampleBytes = sizeof(uint32_t) + sizeof(float) + sizeof(Vec3f);
-constexpr uint64_t kShadingSampleBytes = sizeof(SurfaceKey) + sizeof(Vec2f) + sizeof(Vec3f);
+constexpr uint64_t kShadingSampleBytes = sizeof(SurfaceKey) + sizeof(Vec2f) + sizeof(Vec3f) + sizeof(float);
 
 std::string mebibytes(uint64_t bytes) { return std::to_string((bytes + (1u << 20) - 1) >> 20) + " MiB"; }
 
 }  // namespace
 
-MemoryPlan planMemory(const Settings& settings, uint32_t layers, uint64_t budget_bytes) {
-  const uint64_t tile = settings.reuse_tile_pixels;
-  const uint64_t tile_pixels = std::min<uint64_t>(tile, settings.width) * std::min<uint64_t>(tile, settings.height);
-  const double rate = settings.method == Method::Reuse ? double(settings.shading_rate) : 0.0;
-  const uint64_t seeds = uint64_t(std::ceil(double(tile_pixels) * rate)) + kBlockArea;
-  const uint64_t per_seed = sizeof(FirstHit) + sizeof(PathVertex) + kPathStateBytes;
+MemoryPlan planMemory(const Settings& settings, const PlanInput& input, uint64_t budget_bytes) {
+  const uint32_t tile = settings.reuse_tile_pixels;
+  const PixelRect rect{0, 0, std::min(tile, settings.width), std::min(tile, settings.height)};
+  const uint64_t blocks = ((rect.width() + kBlockPixels - 1) / kBlockPixels) *
+                          uint64_t((rect.height() + kBlockPixels - 1) / kBlockPixels);
+  const uint64_t slots = uint64_t(kBlockArea) * settings.samples * settings.samples;
 
   MemoryPlan plan;
-  plan.fixed_bytes = seeds * per_seed + layers * (seeds * kShadingSampleBytes + ReuseKernels::treeBytes(seeds)) +
-                     Film::frameBytes(uint64_t(settings.width) * settings.height, layers);
-  const uint64_t slots = uint64_t(kBlockArea) * settings.samples * settings.samples;
+  plan.fixed_bytes = Film::tileBytes(rect, settings.width, settings.filter_radius_pixels, uint32_t(input.layers.size()),
+                                     settings.debug_aovs);
+  uint64_t block_seeds = 0;
+  if (settings.method == Method::Reuse)
+    for (const PlanInput::LayerInput& layer : input.layers) {
+      const uint64_t seeds = mostShadingRays(layer.rate);
+      block_seeds = std::max(block_seeds, seeds);
+      plan.fixed_bytes += blocks * seeds * kShadingSampleBytes + ReuseKernels::indexBytes(blocks * seeds, layer.search);
+    }
+  plan.bytes_per_seed_block = block_seeds * (sizeof(FirstHit) + sizeof(PathVertex) + sizeof(Vec3f) + kPathStateBytes);
   const uint64_t per_slot = sizeof(FirstHit) + 2 * sizeof(PathVertex) + kPathStateBytes + kAaSampleBytes +
-                            kFilmSampleBytes + layers * sizeof(Vec3f);
+                            kFilmSampleBytes + input.layers.size() * sizeof(Vec3f);
   plan.bytes_per_block =
       slots * per_slot + ReuseKernels::failureBytes(slots) + Film::partialBytes(1, settings.filter_radius_pixels);
 
-  const uint64_t least = plan.fixed_bytes + plan.bytes_per_block;
+  // Seeds and antialiasing samples are in flight one after the other.
+  const uint64_t least = plan.fixed_bytes + std::max(plan.bytes_per_block, plan.bytes_per_seed_block);
   if (budget_bytes < least)
     throw Error(ErrorKind::Memory, "a budget of " + mebibytes(budget_bytes) + " cannot hold this frame", "--memory",
-                "Give at least " + mebibytes(least) + ", or lower --samples, --shadingRate or the image size");
-  const uint64_t by_budget = (budget_bytes - plan.fixed_bytes) / plan.bytes_per_block;
-  const uint64_t useful = std::max<uint64_t>(1, kMaxSlotsPerBatch / slots);
-  plan.blocks_per_batch = uint32_t(std::min(by_budget, useful));
+                "Give at least " + mebibytes(least) + ", or lower --samples, --shadingRate or --reuseTile");
+  const uint64_t flight = budget_bytes - plan.fixed_bytes;
+  const auto fitting = [&](uint64_t bytes, uint64_t samples, uint64_t most) {
+    const uint64_t useful = std::max<uint64_t>(1, most / std::max<uint64_t>(1, samples));
+    return uint32_t(std::min({flight / std::max<uint64_t>(1, bytes), useful, blocks}));
+  };
+  plan.blocks_per_batch = fitting(plan.bytes_per_block, slots, kMaxSlotsPerBatch);
+  plan.blocks_per_seed_batch = fitting(plan.bytes_per_seed_block, block_seeds, kMaxSeedsPerBatch);
   return plan;
 }
 

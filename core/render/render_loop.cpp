@@ -11,68 +11,28 @@
 #include <tbb/task_arena.h>
 
 #include <atomic>
-#include <chrono>
-#include <limits>
 #include <optional>
 
 #include "core/dice/dice.h"
 #include "core/pattern/patterns.h"
+#include "core/render/layer_search.h"
 #include "core/render/memory_plan.h"
+#include "core/render/rebased.h"
 #include "core/render/samples.h"
+#include "core/render/seeds.h"
+#include "core/render/shading_rates.h"
+#include "core/render/vertex_shading.h"
+#include "core/render/whole_frame.h"
 #include "core/reuse/reuse.h"
 #include "core/scene/error.h"
-#include "core/shade/lights.h"
+#include "core/scene/text.h"
 #include "core/trace/trace_scene.h"
 
 namespace encore {
 namespace {
 
-// Adds the time until the end of its scope.
-class StageTimer {
- public:
-  explicit StageTimer(double& seconds) : seconds_(seconds) {}
-  ~StageTimer() { seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(); }
-  StageTimer(const StageTimer&) = delete;
-  StageTimer& operator=(const StageTimer&) = delete;
-
- private:
-  double& seconds_;
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
-
-// Moves the scene to the camera's origin, and back. Copies what moves, which is small beside meshes.
-class Rebased {
- public:
-  explicit Rebased(Scene& scene)
-      : scene_(scene), instances_(scene.instances), lights_(scene.lights), camera_(scene.camera) {
-    rebase(scene, scene.camera.to_world.origin);
-  }
-  ~Rebased() {
-    scene_.instances = std::move(instances_);
-    scene_.lights = std::move(lights_);
-    scene_.camera = std::move(camera_);
-  }
-  Rebased(const Rebased&) = delete;
-  Rebased& operator=(const Rebased&) = delete;
-
- private:
-  Scene& scene_;
-  std::vector<Instance> instances_;
-  std::vector<Light> lights_;
-  Camera camera_;
-};
-
-using TreesPointer = std::unique_ptr<Trees, void (*)(Trees*)>;
-
-// What the seeds of one layer of one reuse tile leave behind.
-struct LayerShading {
-  ShadingSamples samples;
-  Buffer<Vec3f> radiance;  // of the seeds; behind them, of the failures of the batch in flight
-  TreesPointer trees{nullptr, nullptr};
-};
-
-// Just short of infinity, where domes and distant lights would count.
-constexpr float kBeyondLights = std::numeric_limits<float>::max();
+// Key words have 6 bits for the octave of a footprint (core/path).
+constexpr size_t kMostInstancesWithOctaves = size_t{1} << 26;
 
 // Share of a tile's progress that its shading rays count for: about half of the time where shading dominates.
 constexpr double kSeedShare = 0.5;
@@ -85,21 +45,26 @@ uint64_t peakProcessBytes() {
 
 class FrameRenderer {
  public:
-  FrameRenderer(const Scene& scene, const Settings& settings, Device& device, const Progress& progress)
-      : scene_(scene), settings_(settings), device_(device), progress_(progress) {}
+  FrameRenderer(const Scene& scene, const Settings& settings, Device& device, const Progress& progress,
+                const TileSink& sink)
+      : scene_(scene), settings_(settings), device_(device), progress_(progress), sink_(sink) {}
 
   Frame render() {
     StageTimer timer(statistics_.time_s["total"]);
     prepare();
+    WholeFrame whole(settings_.width, settings_.height);
     const std::vector<ReuseTile> tiles = reuseTiles(settings_);
     for (const ReuseTile& tile : tiles) total_blocks_ += tile.blocks.size();
-    for (const ReuseTile& tile : tiles) renderTile(tile);
+    for (const ReuseTile& tile : tiles) {
+      FilmImages images = renderTile(tile);
+      if (sink_)
+        sink_(std::move(images));
+      else
+        whole.add(images);
+    }
     Frame frame;
     frame.layers = layers_;
-    {
-      StageTimer film_timer(statistics_.time_s["film"]);
-      frame.images = film_->resolve();
-    }
+    frame.images = whole.take();
     finishStatistics();
     frame.statistics = std::move(statistics_);
     return frame;
@@ -115,23 +80,39 @@ class FrameRenderer {
     report(0, "build");
     {
       StageTimer timer(statistics_.time_s["build"]);
-      trace_.emplace(scene_, diced_);
+      trace_.emplace(scene_, diced_, settings_.world_space_parameters);
       patterns_.emplace(device_, scene_);
     }
     layers_ = sceneLayers(scene_, settings_);
+    rates_.emplace(scene_, settings_);
     camera_.emplace(scene_.camera, settings_);
     kernels_.emplace(device_);
+    search_.emplace(scene_, settings_, *trace_, *rates_, *kernels_);
+    plan();
+    const uint32_t per_pixel = settings_.samples * settings_.samples;
+    film_.emplace(device_, settings_.width, settings_.height, settings_.filter, settings_.filter_radius_pixels,
+                  uint32_t(layers_.size()), per_pixel, settings_.debug_aovs);
+    shading_.resize(layers_.size());
+    context_.emplace(ShadeContext{scene_, settings_, *trace_, *patterns_, rays_traced_});
+    seeds_.emplace(*context_, *camera_, *rates_, device_, layers_);
+    if (settings_.method == Method::Vertex) vertex_shading_.emplace(*context_, *camera_, diced_);
+    aa_.samples_per_pixel = per_pixel;
+    reserveBatch(size_t(plan_.blocks_per_batch) * kBlockArea * per_pixel);
+  }
+
+  void plan() {
+    if (settings_.footprint_reuse == FootprintReuse::Octaves && scene_.instances.size() > kMostInstancesWithOctaves)
+      throw Error(ErrorKind::Setting, "'octaves' has room for " + text(kMostInstancesWithOctaves) + " instances",
+                  "footprint_reuse", "Choose metric or ignore for this scene");
+    PlanInput input;
+    for (const Layer layer : layers_) {
+      statistics_.layers[layerName(layer)].search = search_->kindOf(layer);
+      input.layers.push_back({rates_->highest(layer), search_->kindOf(layer)});
+    }
     const uint64_t budget = settings_.memory_budget_bytes
                                 ? settings_.memory_budget_bytes
                                 : defaultMemoryBudget(device_.info().cpu, device_.info().memory_bytes);
-    plan_ = planMemory(settings_, uint32_t(layers_.size()), budget);
-    const uint32_t per_pixel = settings_.samples * settings_.samples;
-    film_.emplace(device_, settings_.width, settings_.height, settings_.filter, settings_.filter_radius_pixels,
-                  uint32_t(layers_.size()), per_pixel);
-    shading_.resize(layers_.size());
-    context_.emplace(ShadeContext{scene_, settings_, *trace_, *patterns_, rays_traced_});
-    aa_.samples_per_pixel = per_pixel;
-    reserveBatch(size_t(plan_.blocks_per_batch) * kBlockArea * per_pixel);
+    plan_ = planMemory(settings_, input, budget);
   }
 
   void reserveBatch(size_t slots) {
@@ -139,205 +120,165 @@ class FrameRenderer {
     aa_.uv.reserve(device_, slots, "aa uv");
     aa_.throughput.reserve(device_, slots, "aa throughput");
     aa_.shade.reserve(device_, slots, "aa shade");
+    if (search_->needsFootprints()) aa_.footprint.reserve(device_, slots, "aa footprint");
+    if (search_->needsCells()) aa_.cell.reserve(device_, slots, "aa cell");
     film_samples_.position.reserve(device_, slots, "film position");
     film_samples_.coverage.reserve(device_, slots, "film coverage");
     film_samples_.normal.reserve(device_, slots, "film normal");
-    vertices_.resize(slots);
+    // Without other layers, first hits are only needed by failures, which can be traced again.
+    if (layers_.size() > 1 || search_->needsFirstHits()) first_.resize(slots);
+    if (layers_.size() > 1) vertices_.resize(slots);
+    depth_.resize(slots / aa_.samples_per_pixel);
   }
 
-  void renderTile(const ReuseTile& tile) {
-    // Generate and shade seeding rays (Listing 3, lines 3-7); first hits are shared by the layers.
-    BlockRays seeds;
-    if (settings_.method == Method::Reuse) {
-      seeds = generateShadingRays(settings_, tile.blocks);
-      StageTimer timer(statistics_.time_s["trace"]);
-      traceFirstHits(*context_, *camera_, seeds.first, seeds.ends);
-    }
-    for (size_t layer = 0; layer < layers_.size(); ++layer) {
-      shadeSeeds(layer, seeds);
-      reportTile(tile, kSeedShare * double(layer + 1) / double(layers_.size()));
-    }
-    seeds = {};
-
-    // Trace antialiasing rays and reuse shading (lines 8-18), in batches of whole blocks.
+  FilmImages renderTile(const ReuseTile& tile) {
+    film_->beginTile(tile.rect);
+    // Generate and shade seeding rays (Listing 3, lines 3-7).
+    if (settings_.method == Method::Reuse)
+      seeds_->shade(tile, plan_.blocks_per_seed_batch, aa_.key.size(), shading_, *film_, statistics_,
+                    [&](double share) { reportTile(tile, kSeedShare * share); });
+    buildIndices();
+    // Trace antialiasing rays and reuse shading (lines 8-39), in batches of whole blocks.
     for (size_t b = 0; b < tile.blocks.size(); b += plan_.blocks_per_batch) {
       const size_t count = std::min<size_t>(plan_.blocks_per_batch, tile.blocks.size() - b);
       renderBatch(std::span(tile.blocks).subspan(b, count));
       reportTile(tile, kSeedShare + (1 - kSeedShare) * double(b + count) / double(tile.blocks.size()));
     }
     finished_blocks_ += tile.blocks.size();
+    StageTimer timer(statistics_.time_s["film"]);
+    return film_->finishTile();
   }
 
-  // Lines 5-7 of Listing 3: paths of one layer, their shading, and the trees over it.
-  void shadeSeeds(size_t layer, const BlockRays& seeds) {
-    LayerStatistics& layer_statistics = statistics_.layers[layerName(layers_[layer])];
-    std::vector<PathVertex> vertices(seeds.first.size());
-    std::vector<uint32_t> ends;
-    {
-      StageTimer timer(layer_statistics.trace_s);
-      tracePaths(*context_, *camera_, layers_[layer], seeds.first, seeds.ends, vertices);
-      ends = keepSurfaceHits(vertices, seeds.ends);
+  // Line 7 of Listing 3. Without seeds everything fails, and methods differ in what failures share.
+  void buildIndices() {
+    for (size_t layer = 0; layer < layers_.size(); ++layer) {
+      StageTimer timer(statistics_.layers[layerName(layers_[layer])].reuse_s);
+      LayerShading& shading = shading_[layer];
+      const size_t count = shading.samples.count;
+      shading.radiance.reserve(device_, aa_.key.size(), "radiance");
+      shading.samples.key.toDevice(0, count);
+      shading.samples.uv.toDevice(0, count);
+      if (!shading.samples.footprint.empty()) shading.samples.footprint.toDevice(0, count);
+      shading.radiance.toDevice(0, count);
+      search_->buildIndex(layers_[layer], shading);
     }
-    std::vector<Vec3f> radiance(vertices.size());
-    {
-      StageTimer timer(layer_statistics.shade_s);
-      shade(*context_, vertices, ends, radiance);
-    }
-    StageTimer timer(layer_statistics.reuse_s);
-    LayerShading& shading = shading_[layer];
-    storeSeeds(shading, vertices, radiance);
-    shading.trees = kernels_->buildTrees(shading.samples);
-    layer_statistics.shading_evaluations += vertices.size();
-  }
-
-  // Drops paths that ended on nothing; returns the blocks' new ends.
-  static std::vector<uint32_t> keepSurfaceHits(std::vector<PathVertex>& vertices, std::span<const uint32_t> ends) {
-    std::vector<uint32_t> kept_ends;
-    size_t kept = 0, i = 0;
-    for (const uint32_t end : ends) {
-      for (; i < end; ++i)
-        if (vertices[i].hit.valid()) vertices[kept++] = vertices[i];
-      kept_ends.push_back(uint32_t(kept));
-    }
-    vertices.resize(kept);
-    return kept_ends;
-  }
-
-  void storeSeeds(LayerShading& shading, std::span<const PathVertex> vertices, std::span<const Vec3f> radiance) {
-    const size_t count = vertices.size();
-    ShadingSamples& samples = shading.samples;
-    samples.count = uint32_t(count);
-    samples.key.reserve(device_, count, "seed key");
-    samples.uv.reserve(device_, count, "seed uv");
-    shading.radiance.reserve(device_, count + aa_.key.size(), "radiance");
-    tbb::parallel_for(size_t{0}, count, [&](size_t i) {
-      samples.key.host()[i] = vertices[i].key;
-      samples.uv.host()[i] = vertices[i].uv;
-      shading.radiance.host()[i] = radiance[i];
-    });
-    samples.key.toDevice(0, count);
-    samples.uv.toDevice(0, count);
-    shading.radiance.toDevice(0, count);
   }
 
   void renderBatch(std::span<const BlockOrigin> blocks) {
-    BlockRays rays;
+    const size_t pixels = blocks.size() * kBlockArea, count = pixels * aa_.samples_per_pixel;
+    aa_.count = uint32_t(count);
+    ends_.clear();
+    for (size_t b = 1; b <= blocks.size(); ++b) ends_.push_back(uint32_t(b * (count / blocks.size())));
+    const auto part = [&](auto& buffer) { return buffer.host().first(std::min(buffer.size(), count)); };
     {
       StageTimer timer(statistics_.time_s["trace"]);
-      rays = generateAntialiasRays(settings_, blocks, film_samples_.position.host());
-      traceFirstHits(*context_, *camera_, rays.first, rays.ends);
+      traceAntialiasing(*context_, *camera_, blocks, std::span(first_).first(std::min(first_.size(), count)),
+                        {part(film_samples_.position), part(film_samples_.coverage), part(film_samples_.normal),
+                         std::span(depth_).first(pixels)},
+                        outputs());
     }
-    {
-      StageTimer timer(statistics_.time_s["film"]);
-      addShared(blocks, rays);
-    }
-    aa_.count = uint32_t(rays.first.size());
-    for (size_t layer = 0; layer < layers_.size(); ++layer) renderLayer(layer, blocks, rays);
-  }
-
-  // Position, alpha, normal and depth: the same in every layer.
-  void addShared(std::span<const BlockOrigin> blocks, const BlockRays& rays) {
-    const size_t count = rays.first.size(), per_pixel = aa_.samples_per_pixel;
-    tbb::parallel_for(size_t{0}, count / per_pixel, [&](size_t pixel) {
-      for (size_t i = pixel * per_pixel; i < (pixel + 1) * per_pixel; ++i) {
-        const FirstHit& first = rays.first[i];
-        film_samples_.coverage.host()[i] = covers(first) ? 1.0f : 0.0f;
-        Vec3f normal{};
-        if (first.hit.valid()) {
-          const SurfacePoint point = trace_->surface(first.hit, first.direction, false);
-          normal = point.side ? -point.ns : point.ns;
-        }
-        film_samples_.normal.host()[i] = normal;
-      }
-    });
-    for (const FirstHit& first : rays.first)
-      if (first.hit.valid())
-        film_->addDepth(uint32_t(first.film_x), uint32_t(first.film_y),
-                        camera_->depth(first.origin + first.direction * first.hit.t));
+    StageTimer timer(statistics_.time_s["film"]);
     film_samples_.position.toDevice(0, count);
     film_samples_.coverage.toDevice(0, count);
     film_samples_.normal.toDevice(0, count);
-    film_->addShared(blocks, film_samples_);
+    film_->addDepth(blocks, std::span(depth_).first(pixels));
+    timer.stop();
+    for (size_t layer = 0; layer < layers_.size(); ++layer) renderLayer(layer, blocks);
   }
 
-  // Alpha of a sample: surfaces, and lights where the camera may see them.
-  bool covers(const FirstHit& first) const {
-    if (!first.active || first.hit.valid()) return first.active;
-    if (settings_.dome_light_visible) return true;
-    if (!settings_.lights_visible) return false;
-    const LightHit light = intersectLights(scene_.lights, first.origin, first.direction, kBeyondLights);
-    return light.valid;
+  // Where a layer's samples go.
+  SampleOutputs outputs() {
+    const size_t count = aa_.count;
+    return {aa_.key.host().first(count), aa_.uv.host().first(count), aa_.throughput.host().first(count),
+            aa_.footprint.host().first(std::min(count, aa_.footprint.size()))};
   }
 
-  void renderLayer(size_t layer, std::span<const BlockOrigin> blocks, const BlockRays& rays) {
+  void renderLayer(size_t layer, std::span<const BlockOrigin> blocks) {
     LayerStatistics& layer_statistics = statistics_.layers[layerName(layers_[layer])];
     LayerShading& shading = shading_[layer];
-    const std::span<PathVertex> vertices = std::span(vertices_).first(rays.first.size());
-    {
+    if (vertex_shading_) {
+      shadeVertices(layers_[layer], layer_statistics);
+    } else if (layers_[layer] != Layer::Direct) {
       StageTimer timer(layer_statistics.trace_s);
-      tracePaths(*context_, *camera_, layers_[layer], rays.first, rays.ends, vertices);
+      tracePaths(*context_, *camera_, layers_[layer], std::span(first_).first(aa_.count), ends_,
+                 std::span(vertices_).first(aa_.count), outputs());
     }
     std::vector<uint32_t> heads;
     {
       StageTimer timer(layer_statistics.reuse_s);
-      layer_statistics.antialiasing_samples += storeSamples(vertices);
-      kernels_->findNearest(*shading.trees, aa_);
-      layer_statistics.failed_samples += countFailures();
+      search(layer, blocks);
       // Lines 19-35: sort failures, shade the heads, give followers their head's shading.
-      heads = kernels_->serveFailures(aa_, shading.samples.count, settings_.method == Method::Reuse);
+      heads = kernels_->serveFailures(aa_, shading.samples.count, search_->sharing());
     }
-    {
-      StageTimer timer(layer_statistics.shade_s);
-      shadeHeads(shading, vertices, heads, uint32_t(rays.first.size() / blocks.size()));
-    }
+    shadeHeads(layer, blocks, heads);
     layer_statistics.shading_evaluations += heads.size();
     layer_statistics.reshading_evaluations += settings_.method == Method::Reuse ? heads.size() : 0;
     // Lines 36-39: splat, once, failures and all.
     StageTimer timer(layer_statistics.film_s);
-    film_->addLayer(uint32_t(layer), blocks, film_samples_, aa_, shading.radiance);
+    if (layer == 0)
+      film_->addFirstLayer(blocks, film_samples_, aa_, shading.radiance);
+    else
+      film_->addLayer(uint32_t(layer), blocks, film_samples_, aa_, shading.radiance);
   }
 
-  // Returns the number of samples that lie on a surface.
-  uint64_t storeSamples(std::span<const PathVertex> vertices) {
-    std::atomic<uint64_t> on_surface{0};
-    tbb::parallel_for(tbb::blocked_range<size_t>(0, vertices.size(), 1024), [&](const auto& range) {
-      uint64_t valid = 0;
-      for (size_t i = range.begin(); i < range.end(); ++i) {
-        const PathVertex& vertex = vertices[i];
-        valid += vertex.hit.valid();
-        aa_.key.host()[i] = vertex.key;
-        aa_.uv.host()[i] = vertex.uv;
-        aa_.throughput.host()[i] = vertex.throughput;
-      }
-      on_surface += valid;
-    });
-    aa_.key.toDevice(0, vertices.size());
-    aa_.uv.toDevice(0, vertices.size());
-    aa_.throughput.toDevice(0, vertices.size());
-    return on_surface;
+  // Method::Vertex, instead of lines 13-35: samples carry their radiance.
+  void shadeVertices(Layer layer, LayerStatistics& layer_statistics) {
+    StageTimer timer(layer_statistics.shade_s);
+    const auto first = std::span(first_).first(aa_.count);
+    vertex_shading_->shadeLayer(layer, first, ends_, aa_.throughput.host().first(aa_.count));
+    std::fill_n(aa_.key.host().begin(), aa_.count, SurfaceKey{kNoInstance, 0});
+    layer_statistics.antialiasing_samples +=
+        uint64_t(std::count_if(first.begin(), first.end(), [](const FirstHit& f) { return f.hit.valid(); }));
   }
 
-  uint64_t countFailures() {
-    aa_.shade.toHost(0, aa_.count);
-    const auto shade_index = aa_.shade.host().first(aa_.count);
-    return uint64_t(std::count(shade_index.begin(), shade_index.end(), kShadeNotFound));
+  // Lines 13-18: the nearest shading sample of every antialiasing sample, or its failure.
+  void search(size_t layer, std::span<const BlockOrigin> blocks) {
+    const size_t count = aa_.count;
+    aa_.key.toDevice(0, count);
+    aa_.uv.toDevice(0, count);
+    aa_.throughput.toDevice(0, count);
+    if (!aa_.footprint.empty()) aa_.footprint.toDevice(0, count);
+    search_->find(shading_[layer], {layers_[layer], first_, vertices_}, aa_,
+                  statistics_.layers[layerName(layers_[layer])]);
+    if (settings_.debug_aovs) film_->addSearch(uint32_t(layer), blocks, aa_, shading_[layer].samples.uv);
   }
 
   // heads: ascending slots, so that those of a block stand together.
-  void shadeHeads(LayerShading& shading, std::span<const PathVertex> vertices, std::span<const uint32_t> heads,
-                  uint32_t slots_per_block) {
+  void shadeHeads(size_t layer, std::span<const BlockOrigin> blocks, std::span<const uint32_t> heads) {
     if (heads.empty()) return;
-    std::vector<PathVertex> head_vertices;
-    std::vector<uint32_t> ends;
-    head_vertices.reserve(heads.size());
-    for (const uint32_t slot : heads) {
-      while (ends.size() < slot / slots_per_block) ends.push_back(uint32_t(head_vertices.size()));
-      head_vertices.push_back(vertices[slot]);
+    LayerShading& shading = shading_[layer];
+    LayerStatistics& layer_statistics = statistics_.layers[layerName(layers_[layer])];
+    const size_t slots_per_block = aa_.count / blocks.size();
+    std::vector<uint32_t> ends(blocks.size());
+    for (size_t b = 0; b < blocks.size(); ++b)
+      ends[b] = uint32_t(std::lower_bound(heads.begin(), heads.end(), (b + 1) * slots_per_block) - heads.begin());
+    std::vector<PathVertex> vertices(heads.size());
+    {
+      StageTimer timer(layer_statistics.trace_s);
+      if (layers_[layer] == Layer::Direct)
+        tracePaths(*context_, *camera_, Layer::Direct, firstHitsOf(blocks, heads), ends, vertices);
+      else
+        for (size_t i = 0; i < heads.size(); ++i) vertices[i] = vertices_[heads[i]];
     }
-    ends.push_back(uint32_t(head_vertices.size()));
+    StageTimer timer(layer_statistics.shade_s);
     const size_t first = shading.samples.count;
-    shade(*context_, head_vertices, ends, shading.radiance.host().subspan(first, heads.size()));
+    shade(*context_, vertices, ends, shading.radiance.host().subspan(first, heads.size()));
     shading.radiance.toDevice(first, heads.size());
+    if (settings_.debug_aovs)
+      for (const uint32_t slot : heads) {
+        const uint32_t pixel = slot / aa_.samples_per_pixel % kBlockArea;
+        const BlockOrigin block = blocks[slot / slots_per_block];
+        film_->addEvaluation(uint32_t(layer), block.x + pixel % kBlockPixels, block.y + pixel / kBlockPixels);
+      }
+  }
+
+  std::vector<FirstHit> firstHitsOf(std::span<const BlockOrigin> blocks, std::span<const uint32_t> slots) const {
+    std::vector<FirstHit> first(slots.size());
+    if (first_.empty())
+      retraceFirstHits(*context_, *camera_, blocks, slots, first);
+    else
+      for (size_t i = 0; i < slots.size(); ++i) first[i] = first_[slots[i]];
+    return first;
   }
 
   void finishStatistics() {
@@ -355,6 +296,9 @@ class FrameRenderer {
     s.geometry_bytes = trace_->memoryBytes();
     s.texture_bytes = patterns_->textureBytes();
     s.kernels = device_.timings();
+    if (vertex_shading_)
+      for (const Layer layer : layers_)
+        s.layers[layerName(layer)].shading_evaluations = vertex_shading_->evaluations(layer);
     for (const auto& [name, layer] : s.layers) {
       s.time_s["trace"] += layer.trace_s;
       s.time_s["shade"] += layer.shade_s;
@@ -380,39 +324,69 @@ class FrameRenderer {
   const Settings& settings_;
   Device& device_;
   const Progress& progress_;
+  const TileSink& sink_;
   Statistics statistics_;
   std::atomic<uint64_t> rays_traced_{0};
 
   std::vector<DicedMesh> diced_;
   std::optional<TraceScene> trace_;
   std::optional<Patterns> patterns_;
+  std::optional<ShadingRates> rates_;
   std::optional<CameraRays> camera_;
   std::optional<ReuseKernels> kernels_;
+  std::optional<LayerSearch> search_;
   std::optional<Film> film_;
   std::optional<ShadeContext> context_;
+  std::optional<Seeds> seeds_;
+  std::optional<VertexShading> vertex_shading_;  // only of Method::Vertex
   std::vector<Layer> layers_;
   MemoryPlan plan_;
 
   std::vector<LayerShading> shading_;  // per layer
   AaSamples aa_;
   FilmSamples film_samples_;
-  std::vector<PathVertex> vertices_;
+  std::vector<FirstHit> first_;       // of the batch in flight
+  std::vector<PathVertex> vertices_;  // of its samples in a layer other than direct
+  std::vector<float> depth_;          // of its pixels
+  std::vector<uint32_t> ends_;        // of its blocks
   size_t total_blocks_ = 0, finished_blocks_ = 0;
 };
 
+// Runs `work` with the threads that the settings ask for; returns how many those are.
+template <class Work>
+uint32_t inArena(const Settings& settings, const Work& work) {
+  const int threads = settings.threads ? int(settings.threads) : tbb::this_task_arena::max_concurrency();
+  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, size_t(threads));
+  tbb::task_arena arena(threads);
+  arena.execute(work);
+  return uint32_t(threads);
+}
+
 }  // namespace
 
-Frame render(Scene& scene, const Settings& settings, Device& device, const Progress& progress) {
+Frame render(Scene& scene, const Settings& settings, Device& device, const Progress& progress, const TileSink& sink) {
   settings.validate();
   scene.validate();
   device.resetTimings();
   const Rebased rebased(scene);
-  const int threads = settings.threads ? int(settings.threads) : tbb::this_task_arena::max_concurrency();
-  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, size_t(threads));
-  tbb::task_arena arena(threads);
-  Frame frame = arena.execute([&] { return FrameRenderer(scene, settings, device, progress).render(); });
-  frame.statistics.threads = uint32_t(threads);
+  Frame frame;
+  const uint32_t threads = inArena(
+      settings, [&] { frame = FrameRenderer(scene, settings, device, progress, sink).render(); });
+  frame.statistics.threads = threads;
   return frame;
+}
+
+RawTrace timeRawRays(Scene& scene, const Settings& settings) {
+  settings.validate();
+  scene.validate();
+  const Rebased rebased(scene);
+  RawTrace raw;
+  inArena(settings, [&] {
+    const std::vector<DicedMesh> diced = diceScene(scene, settings);
+    const TraceScene trace(scene, diced);
+    raw = timeRawPrimaryRays(trace, CameraRays(scene.camera, settings), settings);
+  });
+  return raw;
 }
 
 }  // namespace encore

@@ -12,6 +12,7 @@ namespace encore {
 
 // A reuse tile: the blocks, in row order, whose samples search each other's shading (design: Reuse tile).
 struct ReuseTile {
+  PixelRect rect;
   std::vector<BlockOrigin> blocks;
 };
 // Tiles of the image in row order, anchored at its origin; every block of the image is in exactly one.
@@ -23,14 +24,15 @@ struct BlockRays {
   std::vector<uint32_t> ends;
 };
 
-// Shading rays: the first 256 · shading_rate points of a scrambled (0, 2)-sequence over each block, so
-// that any rate is stratified and the points of a lower rate are among those of a higher one.
-BlockRays generateShadingRays(const Settings& settings, std::span<const BlockOrigin> blocks);
+// Shading rays of each block: the points of a scrambled (0, 2)-sequence over it with an index below
+// shadingRayCount(), so that any rate is stratified and the points of a lower rate are among those of a higher
+// one. FirstHit::sample is the index; points outside of the image are left out.
+BlockRays generateShadingRays(const Settings& settings, std::span<const BlockOrigin> blocks, float rate);
 
-// Antialiasing rays: samples × samples jittered strata in every pixel, in slot order (core/reuse), with
-// the inactive slots of pixels outside of the image. position receives the offsets within the pixels in
-// units of 2^-16: film and ray use the same rounded numbers.
-BlockRays generateAntialiasRays(const Settings& settings, std::span<const BlockOrigin> blocks,
-                                std::span<uint32_t> position);
+// kBlockArea * rate, rounded up or down by chance, so that its mean over blocks is exact. The same chance for
+// every rate: not falling in it.
+uint32_t shadingRayCount(const Settings& settings, BlockOrigin block, float rate);
+// The most that there can be.
+uint32_t mostShadingRays(float rate);
 
 }  // namespace encore

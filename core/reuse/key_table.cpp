@@ -12,7 +12,7 @@ constexpr uint32_t kLocalSize = 64;
 
 struct InsertArguments {  // of key_table_insert.comp
   uint64_t primitives, slots;
-  uint32_t primitive_count, capacity;
+  uint32_t primitive_count, capacity, stride;
 };
 struct FindArguments {  // of key_table_find.comp
   uint64_t primitives, slots, keys, found;
@@ -32,10 +32,11 @@ KeyTable::Slots KeyTable::create(uint32_t primitives) const {
   return Slots(device_, capacityFor(primitives), "key table");
 }
 
-void KeyTable::recordInsert(Commands& commands, Slots& slots, uint64_t primitives, uint32_t count) {
+void KeyTable::recordInsert(Commands& commands, Slots& slots, uint64_t primitives, uint32_t count,
+                            uint32_t record_bytes) {
   commands.fill(slots.raw(), kNoPrimitive);
   commands.dispatch(insert_, groupsFor(count, kLocalSize),
-                    InsertArguments{primitives, slots.address(), count, uint32_t(slots.size())});
+                    InsertArguments{primitives, slots.address(), count, uint32_t(slots.size()), record_bytes / 4});
 }
 
 void KeyTable::recordFind(Commands& commands, const Slots& slots, uint64_t primitives, uint64_t keys, uint64_t found,

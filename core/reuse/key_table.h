@@ -20,7 +20,9 @@ class KeyTable {
   // An empty table for this many primitives.
   Slots create(uint32_t primitives) const;
   // Records: enters all primitives (a device address), whose keys must differ, into an empty table.
-  void recordInsert(Commands& commands, Slots& slots, uint64_t primitives, uint32_t count);
+  // record_bytes: size of a primitive's record, which starts with its key.
+  void recordInsert(Commands& commands, Slots& slots, uint64_t primitives, uint32_t count,
+                    uint32_t record_bytes = sizeof(TreePrimitive));
   // Records: found[i] = number of the primitive with keys[i], or kNoPrimitive.
   void recordFind(Commands& commands, const Slots& slots, uint64_t primitives, uint64_t keys, uint64_t found,
                   uint32_t count);

@@ -1,5 +1,6 @@
 #include "core/reuse/nearest_neighbour.h"
 
+#include "core/scene/error.h"
 #include "kernels/reuse/nearest_neighbour.h"
 #include "kernels/reuse/nearest_neighbour_grouped.h"
 
@@ -9,20 +10,33 @@ namespace {
 constexpr uint32_t kLocalSize = 64;
 constexpr uint32_t kRounds = 4;  // samples per invocation of nearest_neighbour_grouped.comp
 
-struct Arguments {  // of nearest_neighbour.comp; the grouped kernel's are the same without the last
-  uint64_t primitives, slots, nodes, lowest_ids, points, ids, keys, uv, shade;
+struct Arguments {  // of nearest_neighbour.comp and nearest_neighbour_grouped.comp
+  uint64_t primitives, slots, nodes, lowest_ids, points, ids, keys, uv, shade, radii, footprints, footprint_ranges;
   uint32_t count, capacity, only_pending;
+  float weight;
 };
 
 }  // namespace
 
-NearestNeighbour::NearestNeighbour(Device& device, Walk walk)
-    : walk_(walk), single_(device, "nearest_neighbour", kNearestNeighbourSpirv) {
-  if (walk == Walk::kGrouped) grouped_ = {device, "nearest_neighbour_grouped", kNearestNeighbourGroupedSpirv};
+NearestNeighbour::NearestNeighbour(Device& device, Walk walk) : device_(device), walk_(walk) {}
+
+NearestNeighbour::Kernels& NearestNeighbour::kernels(bool metric) {
+  Kernels& made = kernels_[metric];
+  if (made.single.impl() != nullptr) return made;
+  const std::array<uint32_t, 1> constants{metric};  // kMetric
+  made.single = {device_, metric ? "nearest_in_metric" : "nearest_neighbour", kNearestNeighbourSpirv, constants};
+  if (walk_ == Walk::kGrouped) {
+    made.grouped = {device_, metric ? "nearest_in_metric_grouped" : "nearest_neighbour_grouped",
+                    kNearestNeighbourGroupedSpirv, constants};
+  }
+  return made;
 }
 
 void NearestNeighbour::record(Commands& commands, const Trees& trees, AaSamples& aa) {
-  const bool grouped = walk_ == Walk::kGrouped;
+  const bool metric = trees.footprint_weight > 0, grouped = walk_ == Walk::kGrouped;
+  if (metric && aa.footprint.size() < aa.count) {
+    throw Error(ErrorKind::Internal, "The footprint metric needs the footprints of all antialiasing samples");
+  }
   const Arguments arguments{trees.primitives.address(),
                             trees.table.address(),
                             trees.nodes.address(),
@@ -32,11 +46,16 @@ void NearestNeighbour::record(Commands& commands, const Trees& trees, AaSamples&
                             aa.key.address(),
                             aa.uv.address(),
                             aa.shade.address(),
+                            aa.footprint.address(),
+                            trees.footprints.address(),
+                            trees.footprint_ranges.address(),
                             aa.count,
                             uint32_t(trees.table.size()),
-                            grouped};
-  if (grouped) commands.dispatch(grouped_, groupsFor(aa.count, kLocalSize * kRounds), arguments);
-  commands.dispatch(single_, groupsFor(aa.count, kLocalSize), arguments);
+                            grouped,
+                            trees.footprint_weight};
+  const Kernels& by = kernels(metric);
+  if (grouped) commands.dispatch(by.grouped, groupsFor(aa.count, kLocalSize * kRounds), arguments);
+  commands.dispatch(by.single, groupsFor(aa.count, kLocalSize), arguments);
 }
 
 }  // namespace encore

@@ -1,5 +1,8 @@
-// Exact nearest neighbours of antialiasing samples among the shading samples of their primitive (§2.2).
+// Exact nearest neighbours of antialiasing samples among the shading samples of their primitive (§2.2, and §2.4 with
+// the metric).
 #pragma once
+
+#include <array>
 
 #include "core/reuse/reuse.h"
 #include "core/reuse/trees.h"
@@ -14,12 +17,20 @@ class NearestNeighbour {
   enum class Walk { kGrouped, kSingle };
 
   explicit NearestNeighbour(Device& device, Walk walk = Walk::kGrouped);
-  // Records: writes aa.shade, as ReuseKernels::findNearest() says.
+  // Records: writes aa.shade, as ReuseKernels::findNearest() says. Reads aa.footprint where trees.footprint_weight
+  // is above 0.
   void record(Commands& commands, const Trees& trees, AaSamples& aa);
 
  private:
+  struct Kernels {
+    Kernel grouped, single;
+  };
+  // Made when first needed.
+  Kernels& kernels(bool metric);
+
+  Device& device_;
   Walk walk_;
-  Kernel grouped_, single_;
+  std::array<Kernels, 2> kernels_;  // without and with the metric
 };
 
 }  // namespace encore

@@ -5,6 +5,7 @@
 #include <memory>
 #include <vector>
 
+#include "core/scene/settings.h"
 #include "core/vulkan/device.h"
 #include "shaders/records.h"
 
@@ -16,6 +17,7 @@ struct ShadingSamples {
   uint32_t count = 0;
   Buffer<SurfaceKey> key;
   Buffer<Vec2f> uv;
+  Buffer<float> footprint;  // r of §2.4, only where the metric is in force
 };
 
 // Antialiasing samples of one layer of one batch. Slots are ordered by (block, pixel in block, sample):
@@ -25,33 +27,52 @@ struct AaSamples {
   uint32_t samples_per_pixel = 1;
   Buffer<SurfaceKey> key;
   Buffer<Vec2f> uv;
+  Buffer<float> footprint;  // r of §2.4, only where the metric or a distance limit is in force
   Buffer<Vec3f> throughput;
+  Buffer<uint32_t> cell;   // what failures are grouped by besides their key, only where it is not the pixel
   Buffer<uint32_t> shade;  // written by findNearest() and serveFailures()
 };
 
-// The trees of one layer: device buffers, made by ReuseKernels::buildTrees(). Layout in trees.h.
-struct Trees;
+// What one layer of one reuse tile is searched by: trees, grids or lists of candidates, and the samples in their
+// order. Made by ReuseKernels::buildIndex().
+struct SearchIndex;
+using SearchIndexPointer = std::unique_ptr<SearchIndex, void (*)(SearchIndex*)>;
 
 class ReuseKernels {
  public:
   explicit ReuseKernels(Device& device);
   ~ReuseKernels();
 
-  // One balanced 2D kd-tree per key, all built at once (§3.2). count may be 0.
-  std::unique_ptr<Trees, void (*)(Trees*)> buildTrees(const ShadingSamples& samples);
+  // search: not Auto. footprint_weight: c of the metric of §2.4, up to 1e6; above 0 only with Search::Tree, and
+  // then samples.footprint is read. samples.count may be 0. Throws Error(Internal) when that does not hold.
+  SearchIndexPointer buildIndex(const ShadingSamples& samples, Search search, float footprint_weight = 0);
 
-  // Writes aa.shade: the id of the nearest shading sample in (u, v) with the same key, the lowest id of
-  // several equally near; kShadeNotFound where the key has no sample; kShadeNone where it has kNoInstance.
-  // Coordinates outside [0, 1]² count as the nearest point of it, and what is not a number as 0.
-  void findNearest(const Trees& trees, AaSamples& aa);
+  // Writes aa.shade: the id of the nearest shading sample in (u, v), or in the metric, with the same key, the
+  // lowest id of several equally near; kShadeNotFound where the key has no sample; kShadeNone where it has
+  // kNoInstance. Coordinates outside [0, 1]² count as the nearest point of it, and what is not a number as 0.
+  // Footprints are clamped to [2^-60, 2^60], and what is not a number counts as the lower end.
+  // The result does not depend on how the index searches.
+  void findNearest(const SearchIndex& index, AaSamples& aa);
 
-  // Failures (§2.3, §3.3). Sorts slots with kShadeNotFound by (key, pixel, sample); returns the heads'
-  // slots in ascending order, and gives every failed slot the index `first_shade` + position of its head.
-  // share: false makes every failed sample its own head.
-  std::vector<uint32_t> serveFailures(AaSamples& aa, uint32_t first_shade, bool share = true);
+  // Distance limit: aa.shade becomes kShadeNotFound where |aa.uv - samples.uv[shade]| > limit * aa.footprint.
+  // limit: in footprints, above 0. samples: what the index was built from. Coordinates and footprints count as in
+  // findNearest(): a sample whose footprint is 0, negative or not a number keeps only a neighbour that lies where
+  // it does (to within limit * 2^-60). Shades that are not indices into samples stay.
+  void limitDistance(const ShadingSamples& samples, AaSamples& aa, float limit);
 
-  // Device bytes that the trees of n samples, and the sort of n failures, take at most: for planning.
-  static uint64_t treeBytes(uint64_t samples);
+  // Failures (§2.3, §3.3). Groups slots with kShadeNotFound; the lowest slot of a group is its head. Returns the
+  // heads' slots in ascending order, and gives every failed slot the index `first_shade` + position of its head.
+  // Groups do not depend on how blocks are cut into batches.
+  enum class Share {
+    Nothing,  // every failed sample is its own head
+    InPixel,  // those of equal key in one pixel share
+    InCell,   // those of equal key and aa.cell in one block share
+  };
+  std::vector<uint32_t> serveFailures(AaSamples& aa, uint32_t first_shade, Share share = Share::InPixel);
+
+  // Device bytes that the index of n samples and the scratch memory to build it, and serving n failures, take at
+  // most: for planning. search: Auto: whichever is chosen.
+  static uint64_t indexBytes(uint64_t samples, Search search);
   static uint64_t failureBytes(uint64_t slots);
 
  private:

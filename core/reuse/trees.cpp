@@ -50,15 +50,15 @@ struct SlabsArguments {  // of trees_slabs.comp
   uint32_t count;
 };
 struct ReorderArguments {  // of trees_reorder.comp
-  uint64_t points, order, heads, primitives, tree_points, tree_ids;
+  uint64_t points, order, heads, primitives, tree_points, tree_ids, radii, tree_footprints;
   uint32_t count;
 };
 struct LeavesArguments {  // of trees_leaves.comp
-  uint64_t points, ids, primitives, node_starts, nodes, lowest_ids, leaf_primitive;
+  uint64_t points, ids, primitives, node_starts, nodes, lowest_ids, leaf_primitive, footprints, footprint_ranges;
   uint32_t primitive_count, leaf_count;
 };
 struct MergeArguments {  // of trees_merge.comp
-  uint64_t primitives, nodes, lowest_ids, leaf_primitive;
+  uint64_t primitives, nodes, lowest_ids, leaf_primitive, footprint_ranges;
   uint32_t leaf_count, height;
 };
 
@@ -84,8 +84,9 @@ TreeBuilder::TreeBuilder(Device& device, Scan& scan, RadixSort& sort, KeyTable& 
 // A primitive of one sample costs most: its record, and up to four slots of the table. A tree with nodes
 // has more than 8 samples, more than 4 per leaf, and two nodes per leaf (one unused): fewer than n / 2 nodes.
 uint64_t TreeBuilder::treeBytes(uint64_t samples) {
-  return samples * (sizeof(Vec2f) + sizeof(uint32_t) + sizeof(TreePrimitive)) +
-         KeyTable::capacityFor(samples) * sizeof(uint32_t) + samples / 2 * (sizeof(TreeNode) + sizeof(uint32_t));
+  return samples * (sizeof(Vec2f) + sizeof(uint32_t) + sizeof(TreeFootprint) + sizeof(TreePrimitive)) +
+         KeyTable::capacityFor(samples) * sizeof(uint32_t) +
+         samples / 2 * (sizeof(TreeNode) + sizeof(uint32_t) + sizeof(TreeFootprintRange));
 }
 
 uint64_t TreeBuilder::scratchBytes(uint64_t samples) {
@@ -103,8 +104,9 @@ void TreeBuilder::reserve(uint32_t count) {
   scan_.reserve(count + 1);
 }
 
-void TreeBuilder::build(const ShadingSamples& samples, Trees& trees) {
+void TreeBuilder::build(const ShadingSamples& samples, Trees& trees, float footprint_weight) {
   trees.sample_count = samples.count;
+  trees.footprint_weight = footprint_weight;
   if (samples.count == 0) return;
   if (samples.count > kMaxSortValues) {
     throw Error(ErrorKind::Memory, std::to_string(samples.count) + " shading samples are too many for one tile");
@@ -112,7 +114,7 @@ void TreeBuilder::build(const ShadingSamples& samples, Trees& trees) {
   reserve(samples.count);
   trees.primitive_count = sortByPrimitive(samples);
   const Totals totals = shape(samples, trees);
-  fillTrees(totals, trees);
+  fillTrees(samples, totals, trees);
 }
 
 uint32_t TreeBuilder::sortByPrimitive(const ShadingSamples& samples) {
@@ -170,13 +172,18 @@ TreeBuilder::Totals TreeBuilder::shape(const ShadingSamples& samples, Trees& tre
   return {totals[0], totals[1], totals[2]};
 }
 
-void TreeBuilder::fillTrees(const Totals& totals, Trees& trees) {
+void TreeBuilder::fillTrees(const ShadingSamples& samples, const Totals& totals, Trees& trees) {
   const uint32_t count = trees.sample_count;
   trees.node_count = totals.nodes;
   trees.nodes = {device_, totals.nodes, "tree nodes"};
   trees.lowest_ids = {device_, totals.nodes, "tree lowest ids"};
   trees.points = {device_, count, "tree points"};
   trees.ids = {device_, count, "tree ids"};
+  const bool metric = trees.footprint_weight > 0;
+  if (metric) {
+    trees.footprints = {device_, count, "tree footprints"};
+    trees.footprint_ranges = {device_, totals.nodes, "tree footprint ranges"};
+  }
   trees.table = table_.create(trees.primitive_count);
   leaf_primitive_.reserve(device_, totals.nodes / 2, "tree scratch leaves");
 
@@ -189,7 +196,8 @@ void TreeBuilder::fillTrees(const Totals& totals, Trees& trees) {
   sort_.recordBy(commands, count, {slab_of_.address(), 1, 0}, {0, uint32_t(std::bit_width(totals.slabs - 1))});
   commands.dispatch(reorder_kernel_, groups,
                     ReorderArguments{points_.address(), sort_.values(), heads_.address(), trees.primitives.address(),
-                                     trees.points.address(), trees.ids.address(), count});
+                                     trees.points.address(), trees.ids.address(),
+                                     metric ? samples.footprint.address() : 0, trees.footprints.address(), count});
   recordNodes(commands, totals, trees);
   table_.recordInsert(commands, trees.table, trees.primitives.address(), trees.primitive_count);
   commands.run();
@@ -198,14 +206,15 @@ void TreeBuilder::fillTrees(const Totals& totals, Trees& trees) {
 void TreeBuilder::recordNodes(Commands& commands, const Totals& totals, const Trees& trees) {
   const uint32_t leaves = totals.nodes / 2;
   const uint64_t groups = groupsFor(leaves, kLocalSize);
-  commands.dispatch(leaves_kernel_, groups,
-                    LeavesArguments{trees.points.address(), trees.ids.address(), trees.primitives.address(),
-                                    node_starts_.address(), trees.nodes.address(), trees.lowest_ids.address(),
-                                    leaf_primitive_.address(), trees.primitive_count, leaves});
+  commands.dispatch(
+      leaves_kernel_, groups,
+      LeavesArguments{trees.points.address(), trees.ids.address(), trees.primitives.address(), node_starts_.address(),
+                      trees.nodes.address(), trees.lowest_ids.address(), leaf_primitive_.address(),
+                      trees.footprints.address(), trees.footprint_ranges.address(), trees.primitive_count, leaves});
   for (uint32_t height = 1; height <= totals.depth; ++height) {
     commands.dispatch(merge_kernel_, groups,
                       MergeArguments{trees.primitives.address(), trees.nodes.address(), trees.lowest_ids.address(),
-                                     leaf_primitive_.address(), leaves, height});
+                                     leaf_primitive_.address(), trees.footprint_ranges.address(), leaves, height});
   }
 }
 

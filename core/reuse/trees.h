@@ -8,7 +8,8 @@
 // trees, whatever their sizes, and the place of every node and leaf follows from n, D and d. Nodes hold the bounds of
 // their samples, and the lowest sample id, so that ties end early.
 //
-// Coordinates are taken to the nearest point of [0, 1]²; what is not a number counts as 0.
+// Coordinates are taken to the nearest point of [0, 1]²; what is not a number counts as 0. Where the metric of §2.4
+// is in force, samples have footprints beside their points, and nodes the ranges of these.
 #pragma once
 
 #include <cstddef>
@@ -28,23 +29,36 @@ struct TreeNode {
   Vec2f low, high;  // smallest and largest u and v of the samples below
 };
 
+// Of a sample, clamped; shaders/reuse/footprint.glsl declares the same, and computes it.
+struct TreeFootprint {
+  float log2_radius, squared_radius;
+};
+// Of the samples below a node.
+struct TreeFootprintRange {
+  float low_log2, high_log2, least_squared, unused;
+};
+
 struct Trees {
   uint32_t sample_count = 0, primitive_count = 0, node_count = 0;
-  Buffer<TreePrimitive> primitives;  // in order of their keys: instance, then primitive and side
-  Buffer<TreeNode> nodes;            // only of trees that have more than one leaf
-  Buffer<uint32_t> lowest_ids;       // per node
-  Buffer<Vec2f> points;              // samples in order of primitive, leaf
-  Buffer<uint32_t> ids;              // of the same
+  float footprint_weight = 0;                   // c of the metric of §2.4; 0: distances in (u, v)
+  Buffer<TreePrimitive> primitives;             // in order of their keys: instance, then primitive and side
+  Buffer<TreeNode> nodes;                       // only of trees that have more than one leaf
+  Buffer<uint32_t> lowest_ids;                  // per node
+  Buffer<Vec2f> points;                         // samples in order of primitive, leaf
+  Buffer<uint32_t> ids;                         // of the same
+  Buffer<TreeFootprint> footprints;             // of the samples in the same order, only with the metric
+  Buffer<TreeFootprintRange> footprint_ranges;  // per node, likewise
   KeyTable::Slots table;
 };
 
 class TreeBuilder {
  public:
   TreeBuilder(Device& device, Scan& scan, RadixSort& sort, KeyTable& table);
-  void build(const ShadingSamples& samples, Trees& trees);
+  // footprint_weight: as ReuseKernels::buildIndex() says.
+  void build(const ShadingSamples& samples, Trees& trees, float footprint_weight = 0);
 
-  // Device bytes of the trees of n samples, and of the scratch memory kept for building them, at most:
-  // without the sort's, the scan's and the table's.
+  // Device bytes of the trees of n samples, with the metric, and of the scratch memory kept for building them, at
+  // most: without the sort's, the scan's and the table's.
   static uint64_t treeBytes(uint64_t samples);
   static uint64_t scratchBytes(uint64_t samples);
 
@@ -56,7 +70,7 @@ class TreeBuilder {
   // Sorts by (key, u, v, id), leaves the order (v, id) in by_v_, and returns the number of primitives.
   uint32_t sortByPrimitive(const ShadingSamples& samples);
   Totals shape(const ShadingSamples& samples, Trees& trees);
-  void fillTrees(const Totals& totals, Trees& trees);
+  void fillTrees(const ShadingSamples& samples, const Totals& totals, Trees& trees);
   void recordNodes(Commands& commands, const Totals& totals, const Trees& trees);
 
   Device& device_;

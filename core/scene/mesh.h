@@ -1,6 +1,7 @@
 // Meshes as USD describes them, before dicing.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -27,6 +28,13 @@ struct Primvar {
 
   bool empty() const { return values.empty(); }
 };
+
+// Shading samples per pixel in the direct, reflection and refraction layer; 0: not said here.
+using LayerRates = std::array<float, 3>;
+inline constexpr std::array<const char*, 3> kLayerRateAttributes{"primvars:encore:shadingRate:direct",
+                                                                 "primvars:encore:shadingRate:reflection",
+                                                                 "primvars:encore:shadingRate:refraction"};
+inline constexpr float kLargestShadingRate = 256;
 
 struct Mesh {
   std::string path;  // prim path, for messages
@@ -56,7 +64,7 @@ struct Mesh {
   int32_t material = 0;
 
   float target_edge_length_world = 0;  // primvars:encore:targetEdgeLength; 0: the default
-  float shading_rate = 0;              // primvars:encore:shadingRate; 0: the frame's. Read, not yet used
+  LayerRates shading_rate{};           // primvars:encore:shadingRate and its per-layer forms; 0: the frame's
 };
 
 }  // namespace encore

@@ -6,14 +6,25 @@
 
 namespace encore {
 
-enum class Method { Reuse, Reference };  // Reference: shade every antialiasing sample
+// Reuse is the product. The others are there to be compared with: Reference shades every antialiasing sample;
+// Decoupled and DecoupledPixel share shading among samples of equal hash (§4: the standard mapping projects the
+// hit to the image, the modified one takes the pixel that the sample contributes to); Vertex shades the vertices
+// of micropolygons (Hou et al. 2010).
+enum class Method { Reuse, Reference, Decoupled, DecoupledPixel, Vertex };
 enum class FilterKind { Box, Gaussian, Mitchell, BlackmanHarris };
+// How nearest neighbours are found; all of them find the same. Auto chooses per layer and reuse tile.
+enum class Search { Auto, Tree, Groups, Cells };
+// What the footprints of two samples have to do with reuse between them (§2.4): nothing; the paper's metric;
+// or samples whose footprints are of different octaves never share.
+enum class FootprintReuse { Ignore, Metric, Octaves };
 
 struct Settings {
   Method method = Method::Reuse;
   uint32_t width = 960, height = 540;
   uint32_t samples = 8;      // samples × samples antialiasing samples per pixel
   float shading_rate = 2;    // shading samples per pixel per layer (the paper's shading_rate)
+  float shading_rate_reflection = 0;  // of that layer; 0: shading_rate
+  float shading_rate_refraction = 0;
   uint32_t max_bounces = 4;  // mirror, glossy and refractive bounces after the first hit
   FilterKind filter = FilterKind::BlackmanHarris;
   float filter_radius_pixels = 1.5f;
@@ -24,6 +35,12 @@ struct Settings {
   uint32_t occlusion_samples = 64;  // rays per dome light and shade
   uint32_t seed = 0;
   uint32_t reuse_tile_pixels = 512;  // a multiple of kBlockPixels
+  Search search = Search::Auto;
+  FootprintReuse footprint_reuse = FootprintReuse::Ignore;
+  float footprint_weight = 1;           // c of the metric
+  float max_reuse_distance = 0;         // in spacings of shading samples, beyond which a sample fails; 0: no limit
+  bool world_space_parameters = false;  // (u, v) are scaled to each primitive's extents in the world
+  bool debug_aovs = false;              // how shading was spent, per layer
   uint64_t memory_budget_bytes = 0;  // samples, trees and film; 0: from the device
   uint32_t threads = 0;              // 0: all
   bool dome_light_visible = false;   // to the camera

@@ -153,7 +153,11 @@ void validateMesh(const Mesh& mesh, size_t material_count) {
   }
   errors.checkIndices("material:binding", {mesh.material}, material_count, "materials");
   errors.checkLength("primvars:encore:targetEdgeLength", mesh.target_edge_length_world);
-  errors.checkLength("primvars:encore:shadingRate", mesh.shading_rate);
+  for (size_t layer = 0; layer < mesh.shading_rate.size(); ++layer)
+    if (!(mesh.shading_rate[layer] >= 0 && mesh.shading_rate[layer] <= kLargestShadingRate))
+      errors.raise(kLayerRateAttributes[layer], "value " + text(mesh.shading_rate[layer]) + " is no shading rate",
+                   "Author a number from 0 (that of the frame) to " + text(kLargestShadingRate) +
+                       " shading samples per pixel");
 }
 
 }  // namespace encore

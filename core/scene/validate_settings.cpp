@@ -23,12 +23,16 @@ void requireRange(const char* field, T value, T lowest, T highest) {
 }  // namespace
 
 void Settings::validate() const {
-  require(method == Method::Reuse || method == Method::Reference, "method", int(method), "reuse or reference");
+  require(method >= Method::Reuse && method <= Method::Vertex, "method", int(method), "reuse, reference, decoupled, decoupled-pixel or vertex");
   requireRange("width", width, 1u, 65536u);
   requireRange("height", height, 1u, 65536u);
   requireRange("samples", samples, 1u, 64u);
   require(shading_rate > 0 && shading_rate <= 256, "shading_rate", shading_rate,
           "a number above 0 and up to 256 shading samples per pixel and layer");
+  require(shading_rate_reflection >= 0 && shading_rate_reflection <= 256, "shading_rate_reflection",
+          shading_rate_reflection, "a number from 0 (shading_rate) to 256");
+  require(shading_rate_refraction >= 0 && shading_rate_refraction <= 256, "shading_rate_refraction",
+          shading_rate_refraction, "a number from 0 (shading_rate) to 256");
   requireRange("max_bounces", max_bounces, 0u, 256u);
   require(filter == FilterKind::Box || filter == FilterKind::Gaussian || filter == FilterKind::Mitchell ||
               filter == FilterKind::BlackmanHarris,
@@ -43,6 +47,14 @@ void Settings::validate() const {
   require(reuse_tile_pixels >= kBlockPixels && reuse_tile_pixels <= 65536 && reuse_tile_pixels % kBlockPixels == 0,
           "reuse_tile_pixels", reuse_tile_pixels,
           "a multiple of " + text(kBlockPixels) + " from " + text(kBlockPixels) + " to 65536");
+  require(search >= Search::Auto && search <= Search::Cells, "search", int(search), "auto, tree, groups or cells");
+  require(footprint_reuse >= FootprintReuse::Ignore && footprint_reuse <= FootprintReuse::Octaves, "footprint_reuse",
+          int(footprint_reuse), "ignore, metric or octaves");
+  require(footprint_reuse != FootprintReuse::Metric || search == Search::Auto || search == Search::Tree, "search",
+          int(search), "auto or tree, which alone know the footprint metric");
+  require(footprint_weight > 0 && footprint_weight <= 1e6f, "footprint_weight", footprint_weight,
+          "a number above 0 and up to 1e6");
+  requireRange("max_reuse_distance", max_reuse_distance, 0.0f, 1e6f);
   requireRange("threads", threads, 0u, 1024u);
   requireRange("roughness_limit", roughness_limit, 0.0f, 1.0f);
 }

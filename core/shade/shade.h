@@ -24,6 +24,7 @@ struct PathVertex {
   uint32_t sample = 0;
   SurfaceKey key{kNoInstance, 0};  // what shading may be reused within
   Vec2f uv;                        // within the primitive
+  float footprint = 0;             // r of §2.4 in the units of uv; only where a setting asks for it
 };
 
 struct ShadeContext {

@@ -4,6 +4,7 @@
 
 #include <embree3/rtcore.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <memory>
@@ -11,6 +12,7 @@
 #include <string>
 
 #include "core/scene/error.h"
+#include "core/trace/packets.h"
 #include "core/trace/ray.h"
 
 namespace encore::embree {
@@ -53,6 +55,11 @@ class Device {
     }
     return scene;
   }
+  // Packets of 16 are slower than two of 8 here: Embree would take them for a stream.
+  bool prefersHalfPackets() const {
+    return !rtcGetDeviceProperty(handle_.get(), RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) &&
+           rtcGetDeviceProperty(handle_.get(), RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED);
+  }
   Geometry newGeometry(RTCGeometryType type) { return Geometry(rtcNewGeometry(handle_.get(), type)); }
 
  private:
@@ -79,8 +86,6 @@ class Device {
   std::unique_ptr<RTCDeviceTy, Release> handle_;
 };
 
-inline constexpr uint32_t kPacketWidth = 16;
-
 // Embree takes no coordinate beyond this; Debian's build stops the program at one, in unused lanes too.
 inline constexpr float kLargestCoordinate = 1e18f;
 
@@ -88,7 +93,9 @@ inline constexpr float kLargestCoordinate = 1e18f;
 class Query {
  public:
   // largest_origin: what every instance's space still holds (see kLargestCoordinate).
-  Query(Coherence coherence, float largest_origin) : largest_origin_(largest_origin) {
+  // half_packets: trace coherent rays as two packets of 8.
+  Query(Coherence coherence, float largest_origin, bool half_packets)
+      : largest_origin_(largest_origin), half_packets_(half_packets && coherence == Coherence::Coherent) {
     rtcInitIntersectContext(&context_);
     context_.flags =
         coherence == Coherence::Coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
@@ -103,7 +110,48 @@ class Query {
   }
   void disable(uint32_t lane) { fill(lane, Ray{}, false); }
 
-  void intersect(RTCScene scene) { rtcIntersect16(valid_.data(), scene, &context_, &packet_); }
+  // All lanes at once: rays from one point, which stays in the packet. setRays() does what setRay() would do.
+  void setOrigin(Vec3f origin) {
+    for (uint32_t lane = 0; lane < kPacketWidth; ++lane) fill(lane, {origin, 0, {}, 0}, false);
+    const Vec3f o = absolute(origin);
+    origin_usable_ = o.x <= largest_origin_ && o.y <= largest_origin_ && o.z <= largest_origin_;
+    if (!origin_usable_)
+      for (uint32_t lane = 0; lane < kPacketWidth; ++lane) disable(lane);
+  }
+  void setRays(const RayPacket& rays, uint32_t count) {
+    RTCRay16& r = packet_.ray;
+    const uint32_t end = origin_usable_ ? count : 0;
+    for (uint32_t i = 0; i < kPacketWidth; ++i) {
+      const float dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i], tnear = rays.tnear[i], tfar = rays.tfar[i];
+      const bool usable =
+          (i < end) & (std::abs(dx) <= 2) & (std::abs(dy) <= 2) & (std::abs(dz) <= 2) & (tnear >= 0) & (tnear <= tfar);
+      r.dir_x[i] = usable ? dx : 0, r.dir_y[i] = usable ? dy : 0, r.dir_z[i] = usable ? dz : 0;
+      r.tnear[i] = usable ? tnear : 0, r.tfar[i] = usable ? tfar : 0;
+      packet_.hit.geomID[i] = packet_.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+      valid_[i] = usable ? -1 : 0;
+    }
+  }
+  // hit() of every lane.
+  void hits(HitPacket& out) const {
+    const RTCHit16& h = packet_.hit;
+    for (uint32_t i = 0; i < kPacketWidth; ++i) {
+      const bool valid = h.geomID[i] != RTC_INVALID_GEOMETRY_ID;
+      const float u = h.u[i], v = h.v[i];
+      const float b1 = u < 0 ? 0 : u > 1 ? 1 : u, rest = 1 - b1;
+      const float b2 = v < 0 ? 0 : v > rest ? rest : v;
+      out.instance[i] = valid ? h.instID[0][i] : kNoInstance;
+      out.mesh[i] = valid ? h.geomID[i] : 0, out.triangle[i] = valid ? h.primID[i] : 0;
+      out.b1[i] = valid ? b1 : 0, out.b2[i] = valid ? b2 : 0;
+      out.t[i] = valid ? packet_.ray.tfar[i] : std::numeric_limits<float>::infinity();
+    }
+  }
+
+  void intersect(RTCScene scene) {
+    if (!half_packets_) return intersect16(scene);
+    intersect8(scene, 0);
+    intersect8(scene, 8);
+  }
+  void intersect16(RTCScene scene) { rtcIntersect16(valid_.data(), scene, &context_, &packet_); }
   void occluded(RTCScene scene) { rtcOccluded16(valid_.data(), scene, &context_, &packet_.ray); }
 
   bool isOccluded(uint32_t lane) const { return valid_[lane] != 0 && packet_.ray.tfar[lane] < 0; }
@@ -117,6 +165,23 @@ class Query {
   }
 
  private:
+  // Lanes first .. first + 8.
+  void intersect8(RTCScene scene, uint32_t first) {
+    RTCRayHit8 half;
+    const auto load = [first](auto& to, const auto& from) { std::copy_n(from + first, 8, to); };
+    const auto store = [first](auto& to, const auto& from) { std::copy_n(from, 8, to + first); };
+    RTCRay16& r = packet_.ray;
+    RTCHit16& h = packet_.hit;
+    load(half.ray.org_x, r.org_x), load(half.ray.org_y, r.org_y), load(half.ray.org_z, r.org_z);
+    load(half.ray.dir_x, r.dir_x), load(half.ray.dir_y, r.dir_y), load(half.ray.dir_z, r.dir_z);
+    load(half.ray.tnear, r.tnear), load(half.ray.tfar, r.tfar), load(half.ray.time, r.time);
+    load(half.ray.mask, r.mask), load(half.ray.id, r.id), load(half.ray.flags, r.flags);
+    load(half.hit.geomID, h.geomID), load(half.hit.instID[0], h.instID[0]);
+    load(half.hit.u, h.u), load(half.hit.v, h.v), load(half.hit.primID, h.primID);
+    rtcIntersect8(&valid_[first], scene, &context_, &half);
+    store(r.tfar, half.ray.tfar), store(h.u, half.hit.u), store(h.v, half.hit.v);
+    store(h.geomID, half.hit.geomID), store(h.primID, half.hit.primID), store(h.instID[0], half.hit.instID[0]);
+  }
   void fill(uint32_t lane, const Ray& ray, bool active) {
     RTCRay16& r = packet_.ray;
     r.org_x[lane] = ray.origin.x, r.org_y[lane] = ray.origin.y, r.org_z[lane] = ray.origin.z;
@@ -124,12 +189,15 @@ class Query {
     r.tnear[lane] = ray.tnear, r.tfar[lane] = ray.tfar;
     r.time[lane] = 0, r.mask[lane] = 0xffffffffu, r.id[lane] = lane, r.flags[lane] = 0;
     packet_.hit.geomID[lane] = packet_.hit.instID[0][lane] = RTC_INVALID_GEOMETRY_ID;
+    packet_.hit.u[lane] = packet_.hit.v[lane] = 0, packet_.hit.primID[lane] = 0;  // copied, if not used
     valid_[lane] = active ? -1 : 0;
   }
 
   alignas(64) std::array<int, kPacketWidth> valid_;
   RTCRayHit16 packet_;  // every lane is filled by setRay() or disable()
   float largest_origin_;
+  bool half_packets_;
+  bool origin_usable_ = false;
   RTCIntersectContext context_;
 };
 

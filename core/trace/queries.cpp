@@ -8,10 +8,10 @@ namespace {
 // Calls query(packet) for every 16 rays, then each(ray index, lane) for its lanes.
 template <class Run, class Each>
 void forEachPacket(std::span<const Ray> rays, embree::Query&& query, Run run, Each each) {
-  for (size_t first = 0; first < rays.size(); first += embree::kPacketWidth) {
-    const uint32_t count = uint32_t(std::min<size_t>(embree::kPacketWidth, rays.size() - first));
+  for (size_t first = 0; first < rays.size(); first += kPacketWidth) {
+    const uint32_t count = uint32_t(std::min<size_t>(kPacketWidth, rays.size() - first));
     for (uint32_t lane = 0; lane < count; ++lane) query.setRay(lane, rays[first + lane]);
-    for (uint32_t lane = count; lane < embree::kPacketWidth; ++lane) query.disable(lane);
+    for (uint32_t lane = count; lane < kPacketWidth; ++lane) query.disable(lane);
     run(query);
     for (uint32_t lane = 0; lane < count; ++lane) each(query, first + lane, lane);
   }
@@ -21,15 +21,13 @@ void forEachPacket(std::span<const Ray> rays, embree::Query&& query, Run run, Ea
 
 void TraceScene::intersect(std::span<const Ray> rays, std::span<Hit> hits, Coherence coherence) const {
   forEachPacket(
-      rays, embree::Query(coherence, impl_->largest_origin),
-      [&](embree::Query& query) { query.intersect(impl_->top.get()); },
+      rays, impl_->query(coherence), [&](embree::Query& query) { query.intersect(impl_->top.get()); },
       [&](const embree::Query& query, size_t ray, uint32_t lane) { hits[ray] = query.hit(lane); });
 }
 
 void TraceScene::occluded(std::span<const Ray> rays, std::span<uint8_t> occluded, Coherence coherence) const {
   forEachPacket(
-      rays, embree::Query(coherence, impl_->largest_origin),
-      [&](embree::Query& query) { query.occluded(impl_->top.get()); },
+      rays, impl_->query(coherence), [&](embree::Query& query) { query.occluded(impl_->top.get()); },
       [&](const embree::Query& query, size_t ray, uint32_t lane) { occluded[ray] = query.isOccluded(lane) ? 1 : 0; });
 }
 

@@ -7,23 +7,6 @@ namespace encore {
 
 namespace {
 
-struct Corners {
-  uint32_t i0, i1, i2;
-  Corners(const DicedMesh& mesh, uint32_t triangle)
-      : i0(mesh.triangles[3 * size_t{triangle}]),
-        i1(mesh.triangles[3 * size_t{triangle} + 1]),
-        i2(mesh.triangles[3 * size_t{triangle} + 2]) {}
-
-  // value0 + b1 * (value1 - value0) + b2 * (value2 - value0): exact where the three agree.
-  template <class T>
-  T interpolate(const std::vector<T>& values, float b1, float b2) const {
-    const T v0 = values[i0];
-    return v0 + ((values[i1] - v0) * b1 + (values[i2] - v0) * b2);
-  }
-};
-
-float maxAbs(Vec3f v) { return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)}); }
-
 Vec3f componentMax(Vec3f a, Vec3f b) { return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)}; }
 
 constexpr float gammaf(int n) { return float(roundingGamma(n)); }
@@ -33,37 +16,6 @@ Vec3f absoluteCross(Vec3f a, Vec3f b) {
   a = absolute(a), b = absolute(b);
   return {a.y * b.z + a.z * b.y, a.z * b.x + a.x * b.z, a.x * b.y + a.y * b.x};
 }
-
-// A triangle in prototype space, scaled so that its longest edge component is 1: cross products and their
-// squares then neither underflow nor overflow, however small micropolygons are.
-struct LocalTriangle {
-  Vec3f e1, e2;  // scaled
-  Vec3f normal;  // e1 × e2
-  float scale;   // true size / scaled size
-
-  LocalTriangle(Vec3f edge1, Vec3f edge2) : scale(std::max(maxAbs(edge1), maxAbs(edge2))) {
-    const float factor = scale > 0 ? 1 / scale : 0;
-    e1 = edge1 * factor, e2 = edge2 * factor;
-    normal = cross(e1, e2);
-  }
-
-  // How far from the plane, in units of `scale`, a ray's origin over this triangle must be for Embree's
-  // robust test to see it on the right side. The test moves the vertices to the origin, takes the normal of
-  // the moved triangle (for each component from the pair of edges with the smaller products) and compares
-  // dot(v0, normal) with 0: the moved vertices, the cross product and the dot product each round. The same
-  // bound times the longest edge keeps rays that graze the plane from coming back to the triangle.
-  // Never more than the triangle's own height: nothing sensible can be said about needles thinner than that.
-  float planeError() const {
-    const float normal_length = length(normal);
-    const Vec3f e3 = e2 - e1;
-    const Vec3f reach = componentMax(componentMax(absolute(e1), absolute(e2)), absolute(e3));
-    const Vec3f c1 = absoluteCross(e2, e1), c2 = absoluteCross(e1, e3);
-    const Vec3f products{std::min(c1.x, c2.x), std::min(c1.y, c2.y), std::min(c1.z, c2.z)};
-    const float bound = (gammaf(4) * dot(reach, absolute(normal)) + gammaf(4) * dot(reach, products)) / normal_length;
-    const float longest = std::sqrt(std::max({dot(e1, e1), dot(e2, e2), dot(e3, e3)}));
-    return std::min(bound, normal_length / longest);
-  }
-};
 
 // Normals and their change along e1 and e2, in world space; ns falls back to ng where it is useless.
 void shadingNormal(SurfacePoint& point, const DicedMesh& mesh, const Corners& corners, const Affine3f& to_prototype,
@@ -82,6 +34,25 @@ void shadingNormal(SurfacePoint& point, const DicedMesh& mesh, const Corners& co
   point.dn2 = (d2 - point.ns * dot(point.ns, d2)) * factor;
 }
 
+}  // namespace
+
+// How far from the plane, in units of `scale`, a ray's origin over this triangle must be for Embree's
+// robust test to see it on the right side. The test moves the vertices to the origin, takes the normal of
+// the moved triangle (for each component from the pair of edges with the smaller products) and compares
+// dot(v0, normal) with 0: the moved vertices, the cross product and the dot product each round. The same
+// bound times the longest edge keeps rays that graze the plane from coming back to the triangle.
+// Never more than the triangle's own height: nothing sensible can be said about needles thinner than that.
+float LocalTriangle::planeError() const {
+  const float normal_length = length(normal);
+  const Vec3f e3 = e2 - e1;
+  const Vec3f reach = componentMax(componentMax(absolute(e1), absolute(e2)), absolute(e3));
+  const Vec3f c1 = absoluteCross(e2, e1), c2 = absoluteCross(e1, e3);
+  const Vec3f products{std::min(c1.x, c2.x), std::min(c1.y, c2.y), std::min(c1.z, c2.z)};
+  const float bound = (gammaf(4) * dot(reach, absolute(normal)) + gammaf(4) * dot(reach, products)) / normal_length;
+  const float longest = std::sqrt(std::max({dot(e1, e1), dot(e2, e2), dot(e3, e3)}));
+  return std::min(bound, normal_length / longest);
+}
+
 int32_t resolveMaterial(const TracedInstance& instance, const TracedMesh& mesh, uint32_t primitive) {
   if (instance.material >= 0) return instance.material;
   if (!mesh.mesh->face_materials.empty()) {
@@ -91,20 +62,23 @@ int32_t resolveMaterial(const TracedInstance& instance, const TracedMesh& mesh, 
   return mesh.mesh->material;
 }
 
-}  // namespace
-
 int32_t TraceScene::material(const Hit& hit) const {
   const TracedMesh& mesh = impl_->meshOf(hit);
   return resolveMaterial(impl_->instances[hit.instance], mesh, mesh.diced->triangle_primitive[hit.triangle]);
 }
 
-namespace {
-
 // Follows PBR 4th ed., §6.8: point = p0 + (b1 e1 + b2 e2) in prototype space, then transformed; every
 // rounding is bounded to first order. To that comes what Embree's own transform of a ray that starts here,
 // and its test against this triangle, may add.
-Vec3f positionError(const TracedInstance& instance, const SurfacePoint& point, const LocalTriangle& triangle,
-                    Vec3f local, Vec3f from_corner, float covector_length) {
+Vec3f TraceScene::positionError(const Hit& hit, const SurfacePoint& point) const {
+  const TracedInstance& instance = impl_->instances[hit.instance];
+  const DicedMesh& diced = *impl_->meshOf(hit).diced;
+  const Corners corners(diced, hit.triangle);
+  const Vec3f p0 = diced.positions[corners.i0];
+  const Vec3f edge1 = diced.positions[corners.i1] - p0, edge2 = diced.positions[corners.i2] - p0;
+  const Vec3f local = p0 + (edge1 * hit.b1 + edge2 * hit.b2);
+  const Vec3f from_corner = absolute(edge1) * hit.b1 + absolute(edge2) * hit.b2;
+
   const Affine3f& m = instance.to_world;
   const Affine3f magnitude{absolute(m.ex), absolute(m.ey), absolute(m.ez), absolute(m.origin)};
   const Vec3f local_error = absolute(local) * gammaf(1) + from_corner * gammaf(5);
@@ -113,14 +87,14 @@ Vec3f positionError(const TracedInstance& instance, const SurfacePoint& point, c
       magnitude.point(absolute(local)) * gammaf(4) + magnitude.vector(local_error) +
       Vec3f{dot(instance.ray_error_x, reach), dot(instance.ray_error_y, reach), dot(instance.ray_error_z, reach)};
   // A distance along the prototype-space normal, seen along the world-space one.
+  const LocalTriangle triangle(edge1, edge2);
+  const float covector_length = length(instance.to_prototype.transposedVector(triangle.normal));
   if (covector_length > 0) {
     const float stretch = triangle.scale * length(triangle.normal) / covector_length;
     error += absolute(point.ng) * (triangle.planeError() * stretch);
   }
   return error;
 }
-
-}  // namespace
 
 SurfacePoint TraceScene::surface(const Hit& hit, Vec3f direction, bool with_error) const {
   const TracedInstance& instance = impl_->instances[hit.instance];
@@ -142,15 +116,14 @@ SurfacePoint TraceScene::surface(const Hit& hit, Vec3f direction, bool with_erro
   point.ng = covector_length > 0 ? covector * (1 / covector_length) : -direction;
   point.side = dot(point.ng, direction) > 0 ? 1 : 0;
   shadingNormal(point, diced, corners, instance.to_prototype, hit.b1, hit.b2);
-  if (with_error)
-    point.position_error = positionError(instance, point, triangle, local,
-                                         absolute(edge1) * hit.b1 + absolute(edge2) * hit.b2, covector_length);
+  if (with_error) point.position_error = positionError(hit, point);
 
   const uint32_t primitive = diced.triangle_primitive[hit.triangle];
   point.primitive = mesh.first_primitive + primitive;
   point.material = resolveMaterial(instance, mesh, primitive);
   const Vec2f uv = corners.interpolate(diced.uv, hit.b1, hit.b2);
-  point.uv = {std::clamp(uv.x, 0.0f, 1.0f), std::clamp(uv.y, 0.0f, 1.0f)};
+  const Vec2f scale = impl_->parameterScale(hit.instance, point.primitive);
+  point.uv = {std::clamp(uv.x, 0.0f, 1.0f) * scale.x, std::clamp(uv.y, 0.0f, 1.0f) * scale.y};
   return point;
 }
 
@@ -206,16 +179,22 @@ Vec3f TraceScene::displayColor(const Hit& hit) const {
   return Corners(mesh, hit.triangle).interpolate(mesh.display_color, hit.b1, hit.b2);
 }
 
+// Least squares, as barycentricChange().
+ParameterGradients parameterGradients(const DicedMesh& mesh, const Corners& corners, Vec3f e1, Vec3f e2, Vec2f scale) {
+  const Vec3d a = toDouble(e1), b = toDouble(e2), n = cross(a, b);
+  const double area2 = dot(n, n);
+  if (!(area2 > 0)) return {};
+  const Vec3d of_b1 = cross(b, n) / area2, of_b2 = cross(n, a) / area2;
+  const Vec2f uv1 = mesh.uv[corners.i1] - mesh.uv[corners.i0], uv2 = mesh.uv[corners.i2] - mesh.uv[corners.i0];
+  return {toFloat((of_b1 * double(uv1.x) + of_b2 * double(uv2.x)) * double(scale.x)),
+          toFloat((of_b1 * double(uv1.y) + of_b2 * double(uv2.y)) * double(scale.y))};
+}
+
 float TraceScene::parametricFootprint(const Hit& hit, const SurfacePoint& point, Vec3f dpdx, Vec3f dpdy) const {
   const DicedMesh& mesh = *impl_->meshOf(hit).diced;
-  const Corners corners(mesh, hit.triangle);
-  const Vec2f uv1 = mesh.uv[corners.i1] - mesh.uv[corners.i0], uv2 = mesh.uv[corners.i2] - mesh.uv[corners.i0];
-  const auto lengthFor = [&](Vec3f dp) {
-    const Vec2f b = point.barycentricChange(dp);
-    const Vec2f duv = uv1 * b.x + uv2 * b.y;
-    return std::sqrt(duv.x * duv.x + duv.y * duv.y);
-  };
-  return 0.5f * (lengthFor(dpdx) + lengthFor(dpdy));
+  return parameterGradients(mesh, Corners(mesh, hit.triangle), point.e1, point.e2,
+                            impl_->parameterScale(hit.instance, point.primitive))
+      .footprint(dpdx, dpdy);
 }
 
 }  // namespace encore

@@ -141,7 +141,7 @@ void TraceScene::Impl::buildTop() {
   diagonal = size.x >= 0 && isFinite(size) ? length(size) : 0;  // an empty scene has inverted bounds
 }
 
-TraceScene::TraceScene(const Scene& scene, const std::vector<DicedMesh>& diced)
+TraceScene::TraceScene(const Scene& scene, const std::vector<DicedMesh>& diced, bool world_space_parameters)
     : impl_(std::make_unique<Impl>(scene, diced)) {
   const FlushDenormals flush;
   std::vector<uint8_t> placed(scene.prototypes.size(), 0);
@@ -156,6 +156,7 @@ TraceScene::TraceScene(const Scene& scene, const std::vector<DicedMesh>& diced)
     if (placed[i]) tbb::this_task_arena::isolate([&] { impl_->buildPrototype(uint32_t(i)); });
   });
   impl_->buildTop();
+  if (world_space_parameters) impl_->scales = std::make_unique<ParameterScales>(scene, diced);
 }
 
 TraceScene::~TraceScene() = default;
@@ -184,6 +185,7 @@ uint64_t TraceScene::micropolygonCount() const {
 uint64_t TraceScene::memoryBytes() const {
   uint64_t bytes = impl_->device.bytes() + bytesOf(impl_->instances);
   for (const DicedMesh& mesh : impl_->diced) bytes += bytesOf(mesh);
+  if (impl_->scales) bytes += impl_->scales->bytes();
   return bytes;
 }
 

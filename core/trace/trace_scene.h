@@ -19,7 +19,7 @@ struct SurfacePoint {
   Vec3f ng, ns;            // unit geometric and shading normal, both towards the outside
   uint32_t side = 0;       // 0: the ray arrived from outside, 1: from inside (the back)
   uint32_t primitive = 0;  // within the instance's prototype
-  Vec2f uv;                // within the primitive
+  Vec2f uv;                // within the primitive, in [0, 1]²
   int32_t material = 0;    // index into Scene::materials
   Vec3f e1, e2;            // world-space edges of the triangle from its first vertex
   Vec3f dn1, dn2;          // change of ns over e1 and e2 (0 where faceted): for curvature
@@ -40,7 +40,9 @@ class TraceScene {
  public:
   // Keeps references to scene and diced; both must outlive it. Builds with the threads of the TBB arena
   // it is called in; the result does not depend on them.
-  TraceScene(const Scene& scene, const std::vector<DicedMesh>& diced);
+  // world_space_parameters: uv and footprints are scaled to each primitive's extents in the world, by factors in
+  // (0, 1] of which the larger is 1.
+  TraceScene(const Scene& scene, const std::vector<DicedMesh>& diced, bool world_space_parameters = false);
   ~TraceScene();
 
   // Traces rays in order, 16 to a packet (the last one partly filled). Thread-safe.
@@ -52,6 +54,8 @@ class TraceScene {
   // Precondition: hit.valid(). direction: of the ray that made it. with_error false leaves position_error 0,
   // which is a third of the work: for points that no ray will leave from.
   SurfacePoint surface(const Hit& hit, Vec3f direction, bool with_error = true) const;
+  // SurfacePoint::position_error of a point that surface() made without it.
+  Vec3f positionError(const Hit& hit, const SurfacePoint& point) const;
   int32_t material(const Hit& hit) const;  // index into Scene::materials, as in surface()
   // The named texture coordinates of the hit's mesh; slot from texcoordSlot(). Slot -1: zeros.
   TexcoordPoint texcoord(const Hit& hit, const SurfacePoint& point, int32_t slot, Vec3f dpdx, Vec3f dpdy) const;
@@ -69,6 +73,7 @@ class TraceScene {
   float diagonal() const;  // of the world-space bounding box; 0 for an empty scene
 
  private:
+  friend class PacketTracer;
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

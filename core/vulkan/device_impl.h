@@ -52,6 +52,9 @@ struct Candidate {
 };
 std::vector<Candidate> findCandidates(const InstanceBundle& bundle);
 
+// What compute kernels rely on and a device with these subgroup properties lacks: "" or "no subgroup vote, ballot".
+std::string missingSubgroupOperations(vk::ShaderStageFlags stages, vk::SubgroupFeatureFlags operations);
+
 // What to install when there is no device.
 extern const char* const kInstallDriver;
 

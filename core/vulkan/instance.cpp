@@ -124,8 +124,11 @@ Candidate describe(const vk::raii::PhysicalDevice& device) {
                                           vk::PhysicalDeviceVulkan12Properties>();
   const auto& v12 = more.get<vk::PhysicalDeviceVulkan12Properties>();
   candidate.info.driver = std::string(v12.driverName.data()) + " " + std::string(v12.driverInfo.data());
-  candidate.info.subgroup_size = more.get<vk::PhysicalDeviceVulkan11Properties>().subgroupSize;
+  const auto& v11 = more.get<vk::PhysicalDeviceVulkan11Properties>();
+  candidate.info.subgroup_size = v11.subgroupSize;
   candidate.unfit = missingFeatures(device);
+  const std::string subgroups = missingSubgroupOperations(v11.subgroupSupportedStages, v11.subgroupSupportedOperations);
+  if (!subgroups.empty()) candidate.unfit += (candidate.unfit.empty() ? "" : "; ") + subgroups;
   const std::optional<uint32_t> queue = computeQueue(device);
   if (!queue) candidate.unfit = "no compute queue";
   candidate.queue_family = queue.value_or(0);
@@ -133,6 +136,19 @@ Candidate describe(const vk::raii::PhysicalDevice& device) {
 }
 
 }  // namespace
+
+std::string missingSubgroupOperations(vk::ShaderStageFlags stages, vk::SubgroupFeatureFlags operations) {
+  if (!(stages & vk::ShaderStageFlagBits::eCompute)) return "no subgroup operations in compute kernels";
+  using Operation = vk::SubgroupFeatureFlagBits;
+  std::string missing;
+  for (const auto& [bit, name] : {std::pair{Operation::eBasic, "basic"},
+                                  {Operation::eVote, "vote"},
+                                  {Operation::eBallot, "ballot"},
+                                  {Operation::eArithmetic, "arithmetic"}}) {
+    if (!(operations & bit)) missing += std::string(missing.empty() ? "no subgroup " : ", ") + name;
+  }
+  return missing;
+}
 
 void ValidationLog::add(std::string message) {
   const std::lock_guard lock(mutex_);

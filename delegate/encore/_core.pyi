@@ -45,10 +45,17 @@ class Scene:
         face_materials: _Ints | None = None,
         material: int = 0,
         target_edge_length_world: float = 0.0,
-        shading_rate: float = 0.0,
+        shading_rate: _Triple = ...,
     ) -> int: ...
     def add_prototype(self, path: str, meshes: Sequence[int]) -> int: ...
-    def add_instance(self, path: str, prototype: int, matrix: _Doubles, material: int = -1) -> int: ...
+    def add_instance(
+        self,
+        path: str,
+        prototype: int,
+        matrix: _Doubles,
+        material: int = -1,
+        shading_rate: _Triple = ...,
+    ) -> int: ...
     def add_instances(
         self,
         path: str,
@@ -56,6 +63,7 @@ class Scene:
         matrices: _Doubles,
         ids: npt.NDArray[np.int64] | None = None,
         material: int = -1,
+        shading_rates: _Floats | None = None,
     ) -> int: ...
     def add_texture(self, path: str, pixels: _Floats) -> int: ...
     def add_material(
@@ -125,4 +133,6 @@ def render(
     settings: Mapping[str, Any],
     device: Device | None = None,
     progress: Callable[[float, str], bool] | None = None,
+    tile: Callable[[int, int, dict[str, Any]], None] | None = None,
 ) -> dict[str, Any]: ...
+def trace_raw(scene: Scene, settings: Mapping[str, Any]) -> dict[str, Any]: ...

@@ -16,6 +16,7 @@ from encore.settings import GROUPS, SETTINGS, Setting
 _GROUP_TITLES = {
     "image": "image",
     "method": "method and quality",
+    "reuse": "control of reuse",
     "light": "lights",
     "filter": "pixel filter",
     "geometry": "geometry",

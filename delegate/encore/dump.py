@@ -42,6 +42,8 @@ def dump(translation: Translation) -> str:
         ]
         if instance["material"] >= 0:
             lines.append(f"  material: {names[instance['material']]}")
+        if any(instance["shading_rate"]):
+            lines.append(f"  shading_rate: {_text(instance['shading_rate'])}")
     lines += [f"report {line}" for line in translation.reports.lines()]
     return "\n".join(lines) + "\n"
 

@@ -21,6 +21,7 @@ from encore.adapters.context import Matrix, SyncContext, to_matrix
 from encore.adapters.instancer import Matrices, PrototypeScanner, read_point_instancer
 from encore.adapters.material import bound_materials
 from encore.adapters.primvars import inherited_signature
+from encore.adapters.shading_rate import RateArray, is_rate, read_native_rates
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ class Placement:
     """Where a group is placed in its parent group. ids: of the instances of a PointInstancer.
 
     bound: the prim whose material all of the group inherits, where that differs between placements.
+    rates: shading rates per matrix, which win over all rates inside where above 0.
     """
 
     group: Group
@@ -53,6 +55,7 @@ class Placement:
     path: str
     ids: npt.NDArray[np.int64] | None = None
     bound: Usd.Prim | None = None
+    rates: RateArray | None = None
 
 
 @dataclass
@@ -85,6 +88,7 @@ class _State:
     """What a prim inherits. matrix: its parent's, to the group's space; with is_own, the prim's.
 
     collections: True where a prim above binds materials to collections.
+    rates_root: the instance that the group's shading rates are left to, and those of prims above it with it.
     """
 
     matrix: Gf.Matrix4d
@@ -93,6 +97,7 @@ class _State:
     bindings: _Bindings = ()
     collections: bool = False
     is_own: bool = False
+    rates_root: Sdf.Path | None = None
 
 
 _DRAW_MODES = ("origin", "bounds", "cards")
@@ -116,6 +121,9 @@ class Population:
         self._groups: dict[Any, Group] = {}
         self._open: list[Any] = []  # keys of groups that are being walked
         self._signatures: dict[int, tuple[list[UsdGeom.Primvar], tuple[object, ...]]] = {}
+        self._split: dict[
+            int, tuple[list[UsdGeom.Primvar], list[UsdGeom.Primvar], list[UsdGeom.Primvar]]
+        ] = {}
         self.groups: list[Group] = []
         self.depth = 0  # of the deepest prim below the root
 
@@ -181,7 +189,7 @@ class Population:
         if prim.HasAPI(UsdShade.MaterialBindingAPI):
             bindings = _merge_bindings(prim, bindings)
             collections = collections or _has_collection_binding(prim)
-        return _State(matrix, purpose, primvars, bindings, collections)
+        return _State(matrix, purpose, primvars, bindings, collections, rates_root=inherited.rates_root)
 
     def _add(self, kind: _Kind, group: Group, prim: Usd.Prim, state: _State) -> None:
         path, reports = prim.GetPath(), self._context.reports
@@ -227,6 +235,12 @@ class Population:
         if traits.resets:
             return False
         uniform = not traits.binds and not state.collections
+        rate_primvars, others = self._split_rates(state.primvars)
+        rates, own_rates = read_native_rates(prim, rate_primvars, self._context)
+        if traits.rates:
+            rates = own_rates
+        else:
+            state = replace(state, primvars=others, rates_root=prim.GetPath())
         key = (
             prototype.GetPath(),
             _inheritable_purpose(state.purpose),
@@ -237,8 +251,10 @@ class Population:
         child = self._group(key, prim.GetPath(), uniform, children, state, _DEFINED)
         if child is not None:
             bound = prim if uniform and not group.uniform else None
+            matrices = to_matrix(state.matrix)[None]
+            instance_rates = np.array([rates], np.float32) if any(rates) else None
             group.children.append(
-                Placement(child, to_matrix(state.matrix)[None], str(prim.GetPath()), None, bound)
+                Placement(child, matrices, str(prim.GetPath()), None, bound, instance_rates)
             )
         return True
 
@@ -264,8 +280,9 @@ class Population:
             key = (root.GetPath(), _inheritable_purpose(inherited.purpose), group.uniform)
             child = self._group(key, root.GetPath(), group.uniform, [root], inherited, _PROTOTYPES)
             if child is not None:
+                matrices = placements.matrices @ matrix
                 group.children.append(
-                    Placement(child, placements.matrices @ matrix, str(prim.GetPath()), placements.ids)
+                    Placement(child, matrices, str(prim.GetPath()), placements.ids, rates=placements.rates)
                 )
 
     def _state_above(self, root: Usd.Prim, instancer: _State) -> _State:
@@ -285,7 +302,14 @@ class Population:
         if not (purpose and purpose.isInheritable):
             purpose = instancer.purpose
         primvars = UsdGeom.PrimvarsAPI(parent).FindInheritablePrimvars()
-        return _State(Gf.Matrix4d(1), purpose, primvars, bindings, collections, is_own=True)
+        outside = instancer.rates_root
+        if outside is not None and root.GetPath().HasPrefix(outside):
+            primvars = self._split_rates(primvars)[1]
+        else:
+            outside = None
+        return _State(
+            Gf.Matrix4d(1), purpose, primvars, bindings, collections, is_own=True, rates_root=outside
+        )
 
     def _group(
         self,
@@ -319,6 +343,17 @@ class Population:
                 inherited_signature(primvars, self._context.time),
             )
         return known[1]
+
+    def _split_rates(
+        self, primvars: list[UsdGeom.Primvar]
+    ) -> tuple[list[UsdGeom.Primvar], list[UsdGeom.Primvar]]:
+        """Shading rates, and the rest; always the same lists for the same list."""
+        known = self._split.get(id(primvars))
+        if known is None:
+            rates = [p for p in primvars if is_rate(p)]
+            rest = [p for p in primvars if not is_rate(p)] if rates else primvars
+            known = self._split[id(primvars)] = (primvars, rates, rest)
+        return known[1:]
 
 
 def _inheritable_purpose(purpose: Any) -> str:

@@ -18,7 +18,7 @@ from encore import __version__, stats
 from encore.color import ColorOptions, DisplayTransform, display_transform
 from encore.errors import Cancelled, EncoreError, StageError, UsageError
 from encore.frames import Frame, parse_frame_specs, plan
-from encore.output import check_format, check_writable, write_image
+from encore.output import check_format, check_writable
 from encore.progress import Progress
 from encore.render_pass import RenderedFrame, RenderPass, create_device, first_line, translate
 from encore.settings import resolve
@@ -171,23 +171,18 @@ def _record_frame(
         return not signals.number
 
     try:
-        rendered = render_pass.render(frame.time, frame.label, advance)
+        rendered = render_pass.render(frame.time, frame.label, frame.output, transform, advance)
     except Cancelled:
         raise Cancelled(signals.number or signal.SIGINT) from None
-    signals.check()
     warnings = _report(options, rendered, progress)
-    write_started = time.perf_counter()
-    progress.update(1.0, "write")
-    write_image(frame.output, rendered.image, transform)
-    finished = time.perf_counter()
     return stats.frame_statistics(
         rendered.statistics,
         frame=frame.label,
         output=frame.output,
         camera=rendered.camera,
         sync_s=open_s + rendered.sync_s,
-        write_s=finished - write_started,
-        total_s=open_s + finished - started,
+        write_s=rendered.write_s,
+        total_s=open_s + time.perf_counter() - started,
         warnings=warnings,
     )
 
@@ -285,6 +280,8 @@ def _say_what_is_ignored(
     named_color = options.color.mode not in ("", "disabled") or options.color.resolved_mode == "openColorIO"
     if named_color and any(Path(frame.output).suffix.lower() == ".exr" for frame in frames):
         progress.message("Warning: --colorCorrectionMode: EXR stays scene-linear; only PNG is corrected.")
+    if options.settings.get("debug_aovs") and any(Path(f.output).suffix.lower() == ".png" for f in frames):
+        progress.message("Warning: --debugAovs: PNG holds only the composite; only EXR has room for them.")
 
 
 def _report(options: RecordOptions, rendered: RenderedFrame, progress: Progress) -> dict[str, int]:

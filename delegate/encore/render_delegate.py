@@ -23,6 +23,7 @@ from encore.adapters.material import (
 )
 from encore.adapters.mesh import MeshData
 from encore.adapters.primvars import IntArray, Primvar
+from encore.adapters.shading_rate import RateArray
 from encore.adapters.texture import Textures
 from encore.settings import SETTINGS, Setting
 
@@ -141,7 +142,9 @@ class RenderDelegate:
         matrices: Matrices,
         ids: np.ndarray[Any, np.dtype[np.int64]] | None,
         material: BoundMaterial | None,
+        rates: RateArray | None = None,
     ) -> None:
-        """Places a prototype. material: replaces the meshes' own."""
+        """Places a prototype. material: replaces the meshes' own. rates: per matrix, theirs where above 0."""
         index = -1 if material is None else material.index
-        self.scene.add_instances(path, prototype, matrices, ids, index)
+        more = {} if rates is None else {"shading_rates": np.ascontiguousarray(rates)}
+        self.scene.add_instances(path, prototype, matrices, ids, index, **more)

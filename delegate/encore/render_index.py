@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from encore.adapters.context import SyncContext
 from encore.adapters.instancer import Matrices, regular_matrices, report_singular
 from encore.adapters.light import camera_light, read_light
 from encore.adapters.material import bound_materials
+from encore.adapters.shading_rate import NO_RATES, RateArray, combine
 from encore.errors import StageError
 from encore.population import Group, Population, Rprim
 from encore.render_delegate import BoundMaterial, RenderDelegate
@@ -83,12 +84,16 @@ class RenderIndex:
 
 @dataclass(frozen=True)
 class _Placed:
-    """Where a group is in the world: path, or path[id]. material: replaces that of all its meshes."""
+    """Where a group is in the world: path, or path[id].
+
+    material: replaces that of all its meshes. rates: per matrix, replace theirs where above 0.
+    """
 
     matrices: Matrices
     path: str = ""
     ids: npt.NDArray[np.int64] | None = None
     material: BoundMaterial | None = None
+    rates: RateArray | None = None
 
     def path_of(self, index: int) -> str:
         return self.path if self.ids is None else f"{self.path}[{self.ids[index]}]"
@@ -173,12 +178,14 @@ class _Sync:
                 path, ids = placed.path_of(0) + suffix, child.ids
             else:
                 path, ids = placed.path + suffix, np.arange(len(matrices), dtype=np.int64)
+            rates = combine(placed.rates, child.rates, len(placed.matrices), len(child.matrices))
             regular = regular_matrices(matrices)
             if not regular.all():
                 report_singular(path, self._context)
                 matrices, ids = matrices[regular], None if ids is None else ids[regular]
+                rates = None if rates is None else rates[regular]
             if len(matrices):
-                self._place(child.group, _Placed(matrices, path, ids, material))
+                self._place(child.group, _Placed(matrices, path, ids, material, rates))
 
     # Rprims
 
@@ -202,11 +209,15 @@ class _Sync:
         synced = self._reader.read(rprim, group.uniform, [p.material for p in places])
         if synced is None:
             return
-        prototype = self._shared.get(synced.share_key) if synced.share_key is not None else None
+        shared = synced.share_key is not None
+        prototype = self._shared.get(synced.share_key) if shared else None
+        own_rates = None
+        if shared and any(synced.data.shading_rate):
+            own_rates = np.array([synced.data.shading_rate], np.float32)
         if prototype is None:
-            shared = synced.share_key is not None
+            data = replace(synced.data, shading_rate=NO_RATES) if shared else synced.data
             mesh_material = self._delegate.default_material if shared else synced.material
-            mesh = self._delegate.add_mesh(synced.data, mesh_material, synced.face_materials)
+            mesh = self._delegate.add_mesh(data, mesh_material, synced.face_materials)
             if mesh is None:
                 return
             prototype = self._delegate.add_prototype(synced.data.path, [mesh])
@@ -216,10 +227,11 @@ class _Sync:
         for placed in places:
             path = synced.data.path if at_root else placed.path
             material = placed.material
-            if material is None and synced.share_key is not None:
+            if material is None and shared:
                 material = synced.material
             matrices = synced.matrix @ placed.matrices
-            self._delegate.add_instances(path, prototype, matrices, placed.ids, material)
+            rates = combine(placed.rates, own_rates, len(matrices), 1)
+            self._delegate.add_instances(path, prototype, matrices, placed.ids, material, rates)
 
     def _sync_together(self, group: Group, rprims: list[Rprim], places: list[_Placed]) -> None:
         meshes = []
@@ -235,7 +247,7 @@ class _Sync:
             prototype = self._delegate.add_prototype(str(group.path), meshes)
             for placed in places:
                 self._delegate.add_instances(
-                    placed.path, prototype, placed.matrices, placed.ids, placed.material
+                    placed.path, prototype, placed.matrices, placed.ids, placed.material, placed.rates
                 )
 
     def _require_instances(self) -> None:

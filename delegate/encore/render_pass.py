@@ -1,4 +1,4 @@
-"""One frame: translate the stage at a time, render it, and hand back arrays and statistics."""
+"""One frame: translate the stage at a time, render it to a file, and hand back statistics."""
 
 from __future__ import annotations
 
@@ -12,8 +12,18 @@ from typing import Any
 from pxr import Tf, Usd
 
 from encore import __version__
-from encore.errors import DeviceError, EncoreError, InternalError, MemoryLimitError, StageError, from_core
-from encore.output import HeaderValue, Image
+from encore.color import DisplayTransform
+from encore.errors import (
+    Cancelled,
+    DeviceError,
+    EncoreError,
+    InternalError,
+    MemoryLimitError,
+    StageError,
+    from_core,
+)
+from encore.image_file import ImageInfo, limit_threads
+from encore.image_writer import ImageWriter
 from encore.settings import SETTINGS
 
 # Called with the share of the frame that is done and the stage at work; False cancels.
@@ -34,13 +44,16 @@ def load_core() -> Any:
 
 @dataclass(frozen=True)
 class RenderedFrame:
-    """What a RenderPass makes of a frame. statistics: encore._core.render()'s. reports: the translation's."""
+    """What a RenderPass says of a frame. statistics: encore._core.render()'s. reports: the translation's.
 
-    image: Image
+    write_s: time that writing took, most of it while the frame was rendered.
+    """
+
     statistics: Mapping[str, Any]
     reports: Any
     camera: str
     sync_s: float
+    write_s: float
 
 
 class RenderPass:
@@ -64,30 +77,46 @@ class RenderPass:
         self.sync_options = dict(sync_options)
         self.source = source
         self.core = load_core()
+        limit_threads(settings["threads"])
 
     def render(
-        self, time_code: Usd.TimeCode, label: str, progress: ProgressCallback | None = None
+        self,
+        time_code: Usd.TimeCode,
+        label: str,
+        output: str,
+        transform: DisplayTransform,
+        progress: ProgressCallback | None = None,
     ) -> RenderedFrame:
-        """Renders the stage at a time. label: the frame's name in the header. Throws EncoreError."""
+        """Renders the stage at a time to the file `output`, which is written meanwhile. Throws EncoreError.
+
+        label: the frame's name in the header. transform: for PNG.
+        """
         started = time.perf_counter()
         translation = translate(self.stage, time_code, self.sync_options, self.source)
         sync_s = time.perf_counter() - started
         settings = self.settings | {"width": translation.width, "height": translation.height}
-        result = self._render(translation.scene, settings, progress)
-        image = Image(
-            layers=result["layers"],
-            composite=result["composite"],
-            alpha=result["alpha"],
-            depth=result["depth"],
-            normal=result["normal"],
+        info = ImageInfo(
+            translation.width,
+            translation.height,
+            settings["reuse_tile_pixels"],
+            self._header(settings, translation.camera_path, label),
         )
-        statistics = result["statistics"]
-        image.header = self._header(settings, statistics, translation.camera_path, label)
-        return RenderedFrame(image, statistics, translation.reports, translation.camera_path, sync_s)
+        writer = ImageWriter(output, info, transform)
 
-    def _render(self, scene: Any, settings: Mapping[str, Any], progress: ProgressCallback | None) -> Any:
+        def advance(done: float, stage: str) -> bool:
+            return not writer.failed and (progress is None or progress(done, stage))
+
+        with writer:
+            statistics = self._render(translation.scene, settings, advance, writer)
+            if not advance(1.0, "write"):
+                raise Cancelled
+        return RenderedFrame(statistics, translation.reports, translation.camera_path, sync_s, writer.busy_s)
+
+    def _render(
+        self, scene: Any, settings: Mapping[str, Any], progress: ProgressCallback, writer: ImageWriter
+    ) -> Any:
         try:
-            return self.core.render(scene, settings, self.device, progress)
+            return self.core.render(scene, settings, self.device, progress, writer.add)["statistics"]
         except self.core.Error as error:
             raise core_error(error) from error
         except MemoryError as error:
@@ -97,11 +126,9 @@ class RenderPass:
                 "Lower --memory, the image size, or the detail of the scene",
             ) from error
 
-    def _header(
-        self, settings: Mapping[str, Any], statistics: Mapping[str, Any], camera: str, label: str
-    ) -> dict[str, HeaderValue]:
+    def _header(self, settings: Mapping[str, Any], camera: str, label: str) -> dict[str, str]:
         """What the image says of its making. Nothing in it differs between two equal runs."""
-        header: dict[str, HeaderValue] = {
+        header = {
             "comments": f"Encore {__version__}, {settings['method']}",
             "encore:version": __version__,
             "encore:method": settings["method"],
@@ -110,8 +137,8 @@ class RenderPass:
             "encore:stage": self.source,
             "encore:frame": label,
             "encore:camera": camera or "automatic",
-            "encore:device": statistics["device"],
-            "encore:driver": statistics["driver"],
+            "encore:device": self.device.info["name"],
+            "encore:driver": self.device.info["driver"],
             "encore:version:usd": usd_version(),
         }
         versions: Mapping[str, str] = getattr(self.core, "versions", dict)()

@@ -12,7 +12,8 @@ from pxr import Sdf, UsdGeom, UsdShade
 from encore.adapters import implicit
 from encore.adapters.context import Matrix, SyncContext
 from encore.adapters.mesh import MeshData, read_color, read_mesh, read_texcoords
-from encore.adapters.primvars import SHADING_RATE, ElementCounts, IntArray, read_number
+from encore.adapters.primvars import ElementCounts, IntArray
+from encore.adapters.shading_rate import read_rates
 from encore.population import Rprim
 from encore.render_delegate import BoundMaterial, RenderDelegate
 
@@ -26,8 +27,8 @@ _IDENTITY: Matrix = np.eye(4)
 class SyncedRprim:
     """A mesh in its own space, with its materials. matrix: from that space to the group's.
 
-    share_key: equal for rprims with the same geometry, which differ in material and place only; None: shared
-    with none. face_materials: per face, -1 for material.
+    share_key: equal for rprims with the same geometry, which differ in material, shading rate and place only;
+    None: shared with none. face_materials: per face, -1 for material.
     """
 
     data: MeshData
@@ -100,7 +101,6 @@ class RprimReader:
         path = prim.GetPath()
         data = implicit.build(*shape.key)
         left_handed, double_sided = implicit.orientation(prim, context)
-        shading_rate = read_number(primvars, SHADING_RATE, path, context)
         counts = ElementCounts(data.face_count, len(data.points), len(data.face_vertex_indices))
         constants = {n: p for n, p in primvars.items() if p.GetInterpolation() == UsdGeom.Tokens.constant}
         own = [name for name in texcoord_names if name in data.texcoords and name not in constants]
@@ -109,7 +109,7 @@ class RprimReader:
         normals = data.normals
         if left_handed and normals is not None:
             normals = normals._replace(values=-normals.values)
-        key = (shape.key, left_handed, double_sided, shading_rate, tuple(sorted(own)))
+        key = (shape.key, left_handed, double_sided, tuple(sorted(own)))
         data = replace(
             data,
             path=str(path),
@@ -117,7 +117,7 @@ class RprimReader:
             double_sided=double_sided,
             normals=normals,
             texcoords=texcoords,
-            shading_rate=shading_rate,
+            shading_rate=read_rates(primvars, context),
             display_color=read_color(constants, counts, path, context) if with_color else None,
         )
         return data, shape.to_prim @ rprim.matrix, key if len(own) == len(texcoords) else None

@@ -9,6 +9,7 @@ from pxr import Plug
 API_SCHEMA = "EncorePrimvarsAPI"
 TARGET_EDGE_LENGTH = "primvars:encore:targetEdgeLength"
 SHADING_RATE = "primvars:encore:shadingRate"
+LAYER_SHADING_RATES = tuple(f"{SHADING_RATE}:{layer}" for layer in ("direct", "reflection", "refraction"))
 
 
 def folder() -> Path:

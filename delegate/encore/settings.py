@@ -13,9 +13,6 @@ from typing import Any
 
 from encore.errors import SettingError, UsageError
 
-# Methods that design and paper name but that cannot be chosen yet.
-METHODS_TO_COME = ("decoupled", "decoupled-pixel", "vertex")
-
 _SIZE_UNITS = {"": 1, "b": 1}
 for _power, _letter in enumerate("kmgt", start=1):
     _SIZE_UNITS |= {_letter: 1024**_power, f"{_letter}ib": 1024**_power, f"{_letter}b": 1000**_power}
@@ -64,12 +61,6 @@ class Setting:
     def check(self, value: Any) -> None:
         """Throws SettingError that names the flag, the value and the range."""
         if self.kind == "choice" and value not in self.choices:
-            if self.key == "method" and value in METHODS_TO_COME:
-                raise UsageError(
-                    f"method '{value}' is not supported yet",
-                    self.flag,
-                    f"Choose one of: {', '.join(self.choices)}",
-                )
             raise UsageError(
                 f"'{value}' is not a choice", self.flag, f"Choose one of: {', '.join(self.choices)}"
             )
@@ -158,9 +149,10 @@ GROUPS: dict[str, tuple[Setting, ...]] = {
             ("--method",),
             "choice",
             "reuse",
-            "How shading is spent: `reuse` shades few points and reuses the nearest one (the product); "
-            "`reference` shades every antialiasing sample (to compare with).",
-            choices=("reuse", "reference"),
+            "How shading is spent: `reuse` shades few points and reuses the nearest one (the product). To "
+            "compare with: `reference` shades every antialiasing sample; `decoupled` and `decoupled-pixel` "
+            "share shading among samples of equal hash; `vertex` shades the vertices of micropolygons.",
+            choices=("reuse", "reference", "decoupled", "decoupled-pixel", "vertex"),
             metavar="METHOD",
         ),
         Setting(
@@ -180,9 +172,32 @@ GROUPS: dict[str, tuple[Setting, ...]] = {
             "float",
             2.0,
             "Shading samples per pixel per layer, on average. (RenderMan's shading rate is its inverse: "
-            "pixels per shading sample.) Not used by `--method reference`.",
+            "pixels per shading sample.) Not used by `--method reference`. Prims and instances may have "
+            "rates of their own.",
             unit="per pixel per layer",
             above=0,
+            maximum=256,
+            metavar="X",
+        ),
+        Setting(
+            "shading_rate_reflection",
+            ("--shadingRateReflection",),
+            "float",
+            0.0,
+            "The same for the reflection layer alone. 0: as `--shadingRate`.",
+            unit="per pixel",
+            minimum=0,
+            maximum=256,
+            metavar="X",
+        ),
+        Setting(
+            "shading_rate_refraction",
+            ("--shadingRateRefraction",),
+            "float",
+            0.0,
+            "The same for the refraction layer alone. 0: as `--shadingRate`.",
+            unit="per pixel",
+            minimum=0,
             maximum=256,
             metavar="X",
         ),
@@ -230,6 +245,67 @@ GROUPS: dict[str, tuple[Setting, ...]] = {
             minimum=0,
             maximum=_UINT32_MAX,
             metavar="N",
+        ),
+    ),
+    "reuse": (
+        Setting(
+            "search",
+            ("--search",),
+            "choice",
+            "auto",
+            "How the nearest shading samples are found: `tree` (the paper's kd-trees), `groups` (candidates "
+            "shared by the samples of a pixel) or `cells` (lists per cell of a grid); never changes a pixel. "
+            "`auto` chooses per layer and reuse tile.",
+            choices=("auto", "tree", "groups", "cells"),
+            metavar="SEARCH",
+        ),
+        Setting(
+            "footprint_reuse",
+            ("--footprintReuse",),
+            "choice",
+            "ignore",
+            "What the footprints of two samples have to do with reuse between them. `ignore`: nothing. "
+            "`metric`: unlike footprints add to the distance (the paper's §2.4; needs `--search` `auto` or "
+            "`tree`). `octaves`: samples whose footprints are of different octaves never share.",
+            choices=("ignore", "metric", "octaves"),
+            metavar="MODE",
+        ),
+        Setting(
+            "footprint_weight",
+            ("--footprintWeight",),
+            "float",
+            1.0,
+            "Weight of unlike footprints in `--footprintReuse metric` (the paper's c).",
+            above=0,
+            maximum=1e6,
+            metavar="X",
+        ),
+        Setting(
+            "max_reuse_distance",
+            ("--maxReuseDistance",),
+            "float",
+            0.0,
+            "Farthest that shading is reused; beyond it a sample is shaded itself. 0: no limit.",
+            unit="spacings of shading samples",
+            minimum=0,
+            maximum=1e6,
+            metavar="X",
+        ),
+        Setting(
+            "world_space_parameters",
+            ("--worldSpaceParameters",),
+            "bool",
+            False,
+            "Distances between samples are measured in parameters that are scaled to each primitive's "
+            "extents in the world, so that a long thin face does not reuse along its length.",
+        ),
+        Setting(
+            "debug_aovs",
+            ("--debugAovs",),
+            "bool",
+            False,
+            "EXR images also hold, per layer, how shading was spent: evaluations, reshaded share, distance "
+            "of reuse, and samples in false colours.",
         ),
     ),
     "light": (
@@ -323,7 +399,8 @@ GROUPS: dict[str, tuple[Setting, ...]] = {
             "size",
             0,
             "Memory for samples, trees and film; never changes a pixel. Geometry and textures are not part "
-            "of it. K, M, G, T and KiB, MiB, … count in 1024s; KB, MB, … in 1000s. 0: from the device.",
+            "of it. K, M, G, T and KiB, MiB, … count in 1024s; KB, MB, … in 1000s. 0: half of the device's; "
+            "on a CPU device half of what is free.",
             unit="bytes",
             minimum=0,
             metavar="SIZE",
@@ -368,4 +445,15 @@ def resolve(given: Mapping[str, Any]) -> dict[str, Any]:
         value = given.get(key)
         values[key] = setting.default if value is None else value
         setting.check(values[key])
+    _check_together(values)
     return values
+
+
+def _check_together(values: Mapping[str, Any]) -> None:
+    """Throws SettingError for values that are in range each, but contradict each other."""
+    if values["footprint_reuse"] == "metric" and values["search"] not in ("auto", "tree"):
+        raise SettingError(
+            f"'{values['search']}' does not know the footprint metric",
+            SETTINGS["search"].flag,
+            "With --footprintReuse metric, choose auto or tree",
+        )

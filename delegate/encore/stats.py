@@ -10,12 +10,18 @@ from encore.output import write_text
 
 FORMAT = 1
 
-# Counters that are added over frames; of the others the largest frame's is kept.
-_SUMMED = ("shading_evaluations", "reshading_evaluations", "antialiasing_samples", "rays_traced", "pixels")
-_LAYER_COUNTERS = ("shading_evaluations", "reshading_evaluations", "failed_samples", "antialiasing_samples")
-_LAYER_TIMES = ("trace", "shade", "reuse", "film")
 STAGES = ("sync", "dice", "build", "trace", "shade", "reuse", "film", "write")
-_PEAKS = ("peak_memory_bytes", "device_peak_bytes", "geometry_bytes", "texture_bytes")
+# Of these the largest frame's is kept; all other counters are added over frames.
+_LARGEST = (
+    "primitives",
+    "micropolygons",
+    "peak_memory_bytes",
+    "device_peak_bytes",
+    "geometry_bytes",
+    "texture_bytes",
+)
+# What core says of a frame that is no counter.
+_NO_COUNTERS = ("device", "driver", "threads", "time_s", "layers", "kernels", "warnings")
 
 
 def frame_statistics(
@@ -39,17 +45,11 @@ def frame_statistics(
         "frame": frame,
         "output": output,
         "camera": camera,
-        "pixels": pixels,
-        "primitives": core["primitives"],
-        "micropolygons": core["micropolygons"],
+        **{name: value for name, value in core.items() if name not in _NO_COUNTERS},
         "shading_evaluations": shading,
         "reshading_evaluations": sum(layer["reshading_evaluations"] for layer in layers.values()),
         "shading_evaluations_per_pixel": shading / pixels,
-        "antialiasing_samples": core["antialiasing_samples"],
-        "rays_traced": core["rays_traced"],
-        "non_finite_samples": core["non_finite_samples"],
         "time_s": times,
-        **{name: core[name] for name in _PEAKS},
         "layers": layers,
         "kernels": {name: dict(values) for name, values in core["kernels"].items()},
         "warnings": dict(core["warnings"]) | dict(warnings),
@@ -65,20 +65,17 @@ def run_statistics(
     device: Mapping[str, Any],
 ) -> dict[str, Any]:
     """The whole document: all frames together under the names of a frame, and each of them in `frames`."""
-    total = {name: sum(frame[name] for frame in frames) for name in _SUMMED}
-    pixels = max(1, total["pixels"])
+    names = [name for name, value in frames[0].items() if isinstance(value, int)]
+    total = {n: (max if n in _LARGEST else sum)(frame[n] for frame in frames) for n in names}
     return {
         "format": FORMAT,
         "version": version,
         "stage": stage,
         "settings": dict(settings),
         "device": dict(device),
-        "primitives": _largest(frame["primitives"] for frame in frames),
-        "micropolygons": _largest(frame["micropolygons"] for frame in frames),
         **total,
-        "shading_evaluations_per_pixel": total["shading_evaluations"] / pixels,
+        "shading_evaluations_per_pixel": total["shading_evaluations"] / total["pixels"],
         "time_s": _sum_times(frame["time_s"] for frame in frames),
-        "peak_memory_bytes": _largest(frame["peak_memory_bytes"] for frame in frames),
         "layers": _sum_layers(frames),
         "warnings": _sum_counts(frame["warnings"] for frame in frames),
         "frames": [dict(frame) for frame in frames],
@@ -91,10 +88,11 @@ def write(path: str, statistics: Mapping[str, Any]) -> None:
 
 
 def _layer(core: Mapping[str, Any], pixels: int) -> dict[str, Any]:
+    """A layer's entry: everything that core says of it, times apart."""
     return {
-        **{name: core[name] for name in _LAYER_COUNTERS},
+        **{name: value for name, value in core.items() if not name.endswith("_s")},
         "shading_evaluations_per_pixel": core["shading_evaluations"] / pixels,
-        "time_s": {stage: core[f"{stage}_s"] for stage in _LAYER_TIMES},
+        "time_s": {n.removesuffix("_s"): value for n, value in core.items() if n.endswith("_s")},
     }
 
 
@@ -102,11 +100,16 @@ def _sum_layers(frames: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     totals: dict[str, Any] = {}
     for name in dict.fromkeys(name for frame in frames for name in frame["layers"]):
         parts = [frame["layers"][name] for frame in frames if name in frame["layers"]]
-        pixels = max(1, sum(frame["pixels"] for frame in frames if name in frame["layers"]))
-        totals[name] = {counter: sum(part[counter] for part in parts) for counter in _LAYER_COUNTERS}
-        totals[name]["shading_evaluations_per_pixel"] = totals[name]["shading_evaluations"] / pixels
-        totals[name]["time_s"] = _sum_times(part["time_s"] for part in parts)
+        pixels = sum(frame["pixels"] for frame in frames if name in frame["layers"])
+        total = {key: _together([p[key] for p in parts]) for key in parts[0] if key != "time_s"}
+        total["shading_evaluations_per_pixel"] = total["shading_evaluations"] / pixels
+        totals[name] = total | {"time_s": _sum_times(part["time_s"] for part in parts)}
     return totals
+
+
+def _together(values: Sequence[Any]) -> Any:
+    """The sum of numbers; of words, each that occurs."""
+    return ", ".join(dict.fromkeys(values)) if isinstance(values[0], str) else sum(values)
 
 
 def _sum_times(times: Iterable[Mapping[str, float]]) -> dict[str, float]:
@@ -123,7 +126,3 @@ def _sum_counts(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
         for message, count in entry.items():
             totals[message] = totals.get(message, 0) + count
     return totals
-
-
-def _largest(values: Iterable[int]) -> int:
-    return max(values, default=0)

@@ -36,17 +36,15 @@ float mitchellWeight(float t) {
   return s < 1.0 ? inner : outer;
 }
 
-// The four-term window of Harris 1978, with cos(πt) from the series of sin(πt/2).
+// The four-term window of Harris 1978 as a polynomial of cos(πt), which is a polynomial of t² fitted over
+// Chebyshev nodes. Right to 1.1e-6.
 float blackmanHarrisWeight(float t) {
-  precise float y = 1.5707964 * t;
-  precise float q = y * y;
-  precise float s = 1.0 - q * 0.009090909;
-  s = 1.0 - q * 0.013888889 * s;
-  s = 1.0 - q * 0.023809524 * s;
-  s = 1.0 - q * 0.05 * s;
-  s = 1.0 - q * 0.16666667 * s;
-  s = y * s;
-  precise float c = 1.0 - 2.0 * (s * s);
+  precise float q = t * t;
+  precise float c = 0.22965036 - q * 0.020577252;
+  c = q * c - 1.3323691;
+  c = q * c + 4.058041;
+  c = q * c - 4.9347453;
+  c = q * c + 0.9999992;
   precise float weight = 0.21747 + c * (0.45325 + c * (0.28256 + c * 0.04672));
   return weight;
 }
@@ -55,7 +53,7 @@ float blackmanHarrisWeight(float t) {
 // No branches but on constants: an early return costs more than the arithmetic that it saves.
 float filterWeight(float x) {
   if (kFilter == kFilterBox) return x > -kRadius && x <= kRadius ? 1.0 : 0.0;
-  precise float t = min(abs(x) * kInverseRadius, 1.0);
+  precise float t = abs(x) * kInverseRadius;
   float weight;
   if (kFilter == kFilterGaussian) {
     weight = gaussianWeight(t);

@@ -2,34 +2,27 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
 
-// Splats the radiance of one layer: throughput * radiance[shade], or throughput alone.
+// Splats the radiance of one layer.
 
 #include "records.h"
 #include "film/filter.glsl"
 const uint kChannels = 3;
+const uint kWeightChannel = 3;  // none
 #include "film/splat.glsl"
-
-layout(buffer_reference, scalar) readonly buffer Colors { vec3 at[]; };
-layout(buffer_reference, scalar) readonly buffer Shades { uint at[]; };
+#include "film/radiance.glsl"
 
 layout(push_constant, scalar) uniform Arguments {
   SplatArguments common_arguments;
-  Colors throughput;  // per slot
-  Shades shade;       // per slot
-  Colors radiance;
-  uint radiance_count;
+  RadianceArguments radiance_arguments;
 };
 
-void loadSample(uint slot, out float value[kChannels], out bool finite, out bool bad) {
-  const uint index = shade.at[slot];
-  bad = index != kShadeNone && index >= radiance_count;
-  vec3 color = bad ? vec3(0) : throughput.at[slot];
-  if (index != kShadeNone && !bad) color *= radiance.at[index];
-  finite = isFiniteValue(color.x) && isFiniteValue(color.y) && isFiniteValue(color.z);
-  value[0] = finite ? color.x : 0;
-  value[1] = finite ? color.y : 0;
-  value[2] = finite ? color.z : 0;
+void loadPair(uint pair, bvec2 valid, out float value[2 * kChannels], inout uint non_finite, inout uint bad_shade) {
+  vec3 color[2];
+  loadRadiancePair(radiance_arguments, pair, valid, color, non_finite, bad_shade);
+  [[unroll]] for (uint i = 0; i < 2 * kChannels; ++i) value[i] = color[i / kChannels][i % kChannels];
 }
 
 void main() { splat(common_arguments); }

@@ -2,9 +2,10 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
 
-// Part two of filtering: the sums of a block's pixels become the block's partial image, padded by kPad
-// pixels on each side. One invocation per value of it; taps are added in rows, top row first.
+// Part two of filtering: the sums of a block's columns become the block's partial image, padded by kPad
+// pixels on each side. One invocation per value of it; columns are added from left to right.
 
 #include "records.h"
 
@@ -20,7 +21,7 @@ layout(buffer_reference, scalar) readonly buffer Taps { float at[]; };
 layout(buffer_reference, scalar) writeonly buffer Partials { float at[]; };
 
 layout(push_constant, scalar) uniform Arguments {
-  Taps taps;          // [block][tap row][tap column][channel][pixel], from splat.glsl
+  Taps taps;          // [block][tap column][channel][row][column], from splat.glsl
   Partials partials;  // [block][channel][row][column]
   uint blocks;
 };
@@ -29,19 +30,17 @@ void main() {
   const uint group = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
   const uint invocation = group * gl_WorkGroupSize.x + gl_LocalInvocationID.x;
   const uint x = invocation % kPadded;
-  const uint y = invocation / kPadded % kPadded;
-  const uint channel = invocation / (kPadded * kPadded) % kChannels;
+  const uint row = invocation / kPadded % (kPadded * kChannels);  // [channel][row]
   const uint block = invocation / (kPadded * kPadded * kChannels);
   if (block >= blocks) return;
+  // From the left: the leftmost pixel that reaches x does so with its last column of taps.
   float sum = 0;
-  for (uint j = 0; j < kTaps; ++j) {
-    for (uint i = 0; i < kTaps; ++i) {
-      // The pixel whose tap (i, j) falls here. Unsigned: left of or above the block is far beyond it.
-      const uint from_x = x - i, from_y = y - j;
-      if (from_x < kBlockPixels && from_y < kBlockPixels) {
-        const uint tap = (block * kTaps + j) * kTaps + i;
-        sum += taps.at[(tap * kChannels + channel) * kBlockArea + from_y * kBlockPixels + from_x];
-      }
+  [[unroll]] for (uint i = kTaps; i-- > 0;) {
+    const uint from_x = x - i;  // unsigned: left of the block is far beyond it
+    const uint tap = ((block * kTaps + i) * kPadded * kChannels + row) * kBlockPixels + from_x;
+    if (from_x < kBlockPixels) {
+      precise float next = sum + taps.at[tap];
+      sum = next;
     }
   }
   partials.at[invocation] = sum;

@@ -1,24 +1,22 @@
-// Lists the heads by group, and their slots in ascending order.
+// Lists the slots of the heads in ascending order, and finds the shade of each run.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 
 layout(push_constant, scalar) uniform Arguments {
-  Words failed;
-  Words order;
-  Words groups;  // heads before i in sorted order: sample i is of group groups[i + 1] - 1
-  Words ranks;   // heads before i in order of slots
-  Words group_ranks;
+  Words run_slots;
+  Words table;
+  Words ranks;   // heads before a run
+  Words places;  // becomes the run's shade
   Words head_slots;
-  uint count;
+  uint run_count;
+  uint first_shade;
 };
 
 void main() {
-  const uint i = invocation();
-  if (i >= count) return;
-  const uint group = groups.at[i];
-  if (groups.at[i + 1] == group) return;
-  const uint head = order.at[i];
-  group_ranks.at[group] = ranks.at[head];
-  head_slots.at[ranks.at[head]] = failed.at[head];
+  const uint run = invocation();
+  if (run >= run_count) return;
+  const uint head = table.at[places.at[run]];
+  if (head == run) head_slots.at[ranks.at[run]] = run_slots.at[run];
+  places.at[run] = first_shade + ranks.at[head];
 }

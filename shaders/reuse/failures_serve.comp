@@ -1,19 +1,29 @@
-// Gives every failed sample the shade of its head (§2.3): nothing is read that another invocation writes.
+// Gives every failed sample the shade of its group (§2.3).
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "trees.glsl"
+#include "key_table.glsl"
+#include "failures.glsl"
 
 layout(push_constant, scalar) uniform Arguments {
-  Words failed;
-  Words order;
-  Words groups;  // as in failures_groups
-  Words group_ranks;
+  Grouping by;
   Words shade;
+  Words starts;      // as in failures_runs
+  Words run_shades;  // per run
   uint count;
-  uint first_shade;
 };
 
 void main() {
-  const uint i = invocation();
-  if (i < count) shade.at[failed.at[order.at[i]]] = first_shade + group_ranks.at[groups.at[i + 1] - 1];
+  const uint stretch = invocation();
+  if (stretch * kStretch >= count) return;
+  const uint end = min((stretch + 1) * kStretch, count);
+  Run run = kNoRun;
+  uint number = starts.at[stretch];
+  uint served = 0;
+  for (uint slot = stretch * kStretch; slot < end; ++slot) {
+    if (shade.at[slot] != kShadeNotFound) continue;
+    if (startsRun(run, by, slot)) served = run_shades.at[number++];
+    shade.at[slot] = served;
+  }
 }

@@ -7,15 +7,17 @@
 #include "key_table.glsl"
 
 layout(push_constant, scalar) uniform Arguments {
-  Primitives primitives;
-  Words slots;  // must start as kEmptySlot
+  Words primitives;  // records that start with their keys
+  Words slots;       // must start as kEmptySlot
   uint primitive_count;
   uint capacity;  // a power of two, more than primitive_count
+  uint stride;    // words of a record
 };
 
 void main() {
   const uint primitive = invocation();
   if (primitive >= primitive_count) return;
-  uint slot = hashOf(primitives.at[primitive].key);
+  Words record = Words(uint64_t(primitives) + 4ul * stride * primitive);
+  uint slot = hashOf(SurfaceKey(record.at[0], record.at[1]));
   while (atomicCompSwap(slots.at[slot & (capacity - 1)], kEmptySlot, primitive) != kEmptySlot) ++slot;
 }

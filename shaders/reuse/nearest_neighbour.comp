@@ -8,6 +8,9 @@
 #include "key_table.glsl"
 #include "nearest_neighbour.glsl"
 
+// Whether footprints count.
+layout(constant_id = 0) const bool kMetric = false;
+
 layout(push_constant, scalar) uniform Arguments {
   Primitives primitives;
   Words slots;
@@ -18,9 +21,13 @@ layout(push_constant, scalar) uniform Arguments {
   SurfaceKeys keys;
   Points uv;
   Words shade;
+  Floats radii;  // these three only with kMetric
+  FloatPairs tree_footprints;
+  FloatPairs footprint_ranges;
   uint count;
   uint capacity;
   uint only_pending;  // 1: only samples whose shade is kShadePending
+  float weight;       // c of the metric
 };
 
 struct Nearest {
@@ -29,11 +36,12 @@ struct Nearest {
 };
 
 // A leaf's samples stand in order of their ids, so that the first of several equally near has the lowest id.
-Nearest searchLeaf(uint first, uint end, vec2 q) {
+Nearest searchLeaf(uint first, uint end, vec2 q, Footprint footprint) {
   float best = kFar;
   uint best_at = first;
   for (uint k = first; k < end; ++k) {
-    const float squared = squaredDistance(q, pairAt(tree_points, k));
+    float squared = squaredDistance(q, pairAt(tree_points, k));
+    if (kMetric) squared = withPart(squared, footprintPart(footprint, footprintAt(tree_footprints, k), weight));
     if (squared < best) {
       best = squared;
       best_at = k;
@@ -50,12 +58,14 @@ float squaredDistanceToBorder(float q, uint sibling, uint axis, bool is_right) {
   return squared;
 }
 
-float squaredDistanceToNode(vec2 q, uint node) {
+float squaredDistanceToNode(vec2 q, Footprint footprint, uint node) {
   FloatPairs corners = FloatPairs(uint64_t(boxes));
-  return squaredDistanceOfBoxes(q, q, pairAt(corners, 2 * node), pairAt(corners, 2 * node + 1));
+  const float squared = squaredDistanceOfBoxes(q, q, pairAt(corners, 2 * node), pairAt(corners, 2 * node + 1));
+  if (!kMetric) return squared;
+  return withPart(squared, footprintBound(footprint, footprintRangeAt(footprint_ranges, node), weight));
 }
 
-uint findNearest(TreePrimitive p, vec2 q) {
+uint findNearest(TreePrimitive p, vec2 q, Footprint footprint) {
   const uint depth = depthOf(p);
   const uint u_levels = uLevelsOf(p);
   Nearest nearest = Nearest(kFar, 0);
@@ -79,7 +89,7 @@ uint findNearest(TreePrimitive p, vec2 q) {
     }
     const uint leaf = node - (1u << depth);
     const Nearest here =
-        searchLeaf(p.first + firstRank(p.count, leaf, depth), p.first + firstRank(p.count, leaf + 1, depth), q);
+        searchLeaf(p.first + firstRank(p.count, leaf, depth), p.first + firstRank(p.count, leaf + 1, depth), q, footprint);
     if (here.squared < nearest.squared || (here.squared == nearest.squared && here.id < nearest.id)) nearest = here;
     // Up to the first sibling that may hold something nearer, or as near and of a lower id.
     bool enter = false;
@@ -89,7 +99,7 @@ uint findNearest(TreePrimitive p, vec2 q) {
       const bool in_u = level <= u_levels;
       if ((trail & bit) == 0 && squaredDistanceToBorder(in_u ? q.x : q.y, sibling, in_u ? 0 : 1, (node & 1) == 0) <=
                                     nearest.squared) {
-        const float bound = squaredDistanceToNode(q, sibling);
+        const float bound = squaredDistanceToNode(q, footprint, sibling);
         tie = bound == nearest.squared;
         enter = bound < nearest.squared || (tie && lowest_ids.at[sibling] < nearest.id);
       }
@@ -115,7 +125,11 @@ void main() {
   if (key.instance != kNoInstance) {
     const uint primitive = findPrimitive(slots, capacity, primitives, key);
     found = kShadeNotFound;
-    if (primitive != kNoPrimitive) found = findNearest(primitives.at[primitive], inUnitSquare(uv.at[slot]));
+    if (primitive != kNoPrimitive) {
+      Footprint footprint = Footprint(0.0, 0.0);
+      if (kMetric) footprint = footprintOf(radii.at[slot]);
+      found = findNearest(primitives.at[primitive], inUnitSquare(uv.at[slot]), footprint);
+    }
   }
   shade.at[slot] = found;
 }

@@ -15,6 +15,9 @@
 #include "key_table.glsl"
 #include "nearest_neighbour.glsl"
 
+// Whether footprints count.
+layout(constant_id = 0) const bool kMetric = false;
+
 layout(push_constant, scalar) uniform Arguments {
   Primitives primitives;
   Words slots;
@@ -25,20 +28,28 @@ layout(push_constant, scalar) uniform Arguments {
   SurfaceKeys keys;
   Points uv;
   Words shade;
+  Floats radii;  // these three only with kMetric
+  FloatPairs tree_footprints;
+  FloatPairs footprint_ranges;
   uint count;
   uint capacity;
+  uint unused;
+  float weight;  // c of the metric
 };
 
 const uint kRounds = 4;
 // Fewer samples than this walk faster one by one; after kMaxSmallGroups of them, all that is left does.
 const uint kMinGroup = 5;
 const uint kMaxSmallGroups = 4;
-// Leaves that a group of n samples may visit: kMinLeaves + n / kSamplesPerLeaf.
-const uint kMinLeaves = 4;
-const uint kSamplesPerLeaf = 4;
+// Leaves that a group of n samples may visit: kMinLeaves + n / kSamplesPerLeaf. More in the metric, where leaves hold
+// samples of other footprints too.
+const uint kMinLeaves = kMetric ? 16 : 4;
+const uint kSamplesPerLeaf = kMetric ? 1 : 4;
+const float kGroupOctaves = 1.0;  // by how much the footprints of a group differ at most
 
 SurfaceKey key[kRounds];  // kNoInstance once served
 vec2 q[kRounds];
+Footprint footprint[kRounds];  // only with kMetric
 // Of the samples of the current group; best is -1 for all others, so that nothing is nearer.
 float best[kRounds];
 uint best_id[kRounds];
@@ -59,13 +70,21 @@ SurfaceKey nextKey() {
 }
 
 // Makes the samples with this key the current group and takes them out of `key`; returns how many they are.
+// In the metric only those of like footprints: of others the neighbours are others.
 uint startGroup(SurfaceKey of) {
+  bool mine[kRounds];
+  float largest_log2 = kLargestPart;
+  [[unroll]] for (uint r = 0; r < kRounds; ++r) {
+    mine[r] = key[r].instance == of.instance && key[r].primitive_side == of.primitive_side;
+    if (kMetric && mine[r]) largest_log2 = min(largest_log2, footprint[r].log2_radius);
+  }
+  if (kMetric) largest_log2 = subgroupMin(largest_log2) + kGroupOctaves;
   uint members = 0;
   [[unroll]] for (uint r = 0; r < kRounds; ++r) {
-    const bool mine = key[r].instance == of.instance && key[r].primitive_side == of.primitive_side;
-    members += mine ? 1 : 0;
-    best[r] = mine ? kFar : -1.0;
-    key[r].instance = mine ? kNoInstance : key[r].instance;
+    if (kMetric) mine[r] = mine[r] && footprint[r].log2_radius <= largest_log2;
+    members += mine[r] ? 1 : 0;
+    best[r] = mine[r] ? kFar : -1.0;
+    key[r].instance = mine[r] ? kNoInstance : key[r].instance;
   }
   return subgroupAdd(members);
 }
@@ -105,12 +124,20 @@ void searchLeaf(uint first, uint end) {
     const uint mine = min(base + gl_SubgroupInvocationID, end - 1);
     const vec2 my_point = pairAt(tree_points, mine);
     const uint my_id = tree_ids.at[mine];
+    Footprint my_footprint = Footprint(0.0, 0.0);
+    if (kMetric) my_footprint = footprintAt(tree_footprints, mine);
     const uint lanes = min(gl_SubgroupSize, end - base);
     for (uint lane = 0; lane < lanes; ++lane) {
       const vec2 point = subgroupBroadcast(my_point, lane);
       const uint id = subgroupBroadcast(my_id, lane);
+      Footprint other = my_footprint;
+      if (kMetric) {
+        other.log2_radius = subgroupBroadcast(my_footprint.log2_radius, lane);
+        other.squared_radius = subgroupBroadcast(my_footprint.squared_radius, lane);
+      }
       [[unroll]] for (uint r = 0; r < kRounds; ++r) {
-        const float squared = squaredDistance(q[r], point);
+        float squared = squaredDistance(q[r], point);
+        if (kMetric) squared = withPart(squared, footprintPart(footprint[r], other, weight));
         const bool better = squared < best[r] || (squared == best[r] && id < best_id[r]);
         best[r] = better ? squared : best[r];
         best_id[r] = better ? id : best_id[r];
@@ -146,9 +173,12 @@ bool matters(uint node) {
   const vec2 low = vec2(boxes.at[4 * node], boxes.at[4 * node + 1]);
   const vec2 high = vec2(boxes.at[4 * node + 2], boxes.at[4 * node + 3]);
   const uint lowest_id = lowest_ids.at[node];
+  FootprintRange range = FootprintRange(0.0, 0.0, 0.0);
+  if (kMetric) range = footprintRangeAt(footprint_ranges, node);
   bool any = false;
   [[unroll]] for (uint r = 0; r < kRounds; ++r) {
-    const float bound = squaredDistanceOfBoxes(q[r], q[r], low, high);
+    float bound = squaredDistanceOfBoxes(q[r], q[r], low, high);
+    if (kMetric) bound = withPart(bound, footprintBound(footprint[r], range, weight));
     any = any || bound < best[r] || (bound == best[r] && lowest_id < best_id[r]);
   }
   return subgroupAny(any);
@@ -192,9 +222,11 @@ void main() {
     const uint slot = first + r * size;
     key[r] = SurfaceKey(kNoInstance, 0);
     q[r] = vec2(0.0);
+    footprint[r] = Footprint(0.0, 0.0);
     if (slot < count) {
       key[r] = keys.at[slot];
       q[r] = inUnitSquare(uv.at[slot]);
+      if (kMetric) footprint[r] = footprintOf(radii.at[slot]);
     }
     found[r] = kShadeNone;
   }

@@ -1,8 +1,10 @@
-// Stores the samples in the order of the leaves, and within a leaf in order of their ids.
+// Stores the samples in the order of the leaves, and within a leaf in order of their ids; and what the metric
+// needs of their footprints, where it is in force.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "trees.glsl"
+#include "footprint.glsl"
 
 layout(push_constant, scalar) uniform Arguments {
   Points points;
@@ -11,6 +13,8 @@ layout(push_constant, scalar) uniform Arguments {
   Primitives primitives;
   Points tree_points;
   Words tree_ids;
+  Floats radii;  // null: no metric
+  Footprints tree_footprints;
   uint count;
 };
 
@@ -27,4 +31,5 @@ void main() {
   for (uint k = first; k < end; ++k) place += order.at[k] < id ? 1 : 0;
   tree_points.at[place] = points.at[id];
   tree_ids.at[place] = id;
+  if (uint64_t(radii) != 0) tree_footprints.at[place] = footprintOf(radii.at[id]);
 }

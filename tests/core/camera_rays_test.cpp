@@ -67,6 +67,35 @@ TEST(CameraRays, ClippingPlanesArePlanes) {
   }
 }
 
+TEST(CameraRays, PacketsHoldTheSameRays) {
+  for (Camera camera : {Camera{}, skewed()}) {
+    camera.near_clip = 0.5f, camera.far_clip = 80;
+    const CameraRays rays(camera, film(4000, 3000));
+    EXPECT_EQ(rays.origin(), rays.ray(1, 2).origin);
+    test::Stream stream(6);
+    for (int round = 0; round < 50; ++round) {
+      PacketLanes<float> x, y, depth;
+      for (uint32_t i = 0; i < kPacketWidth; ++i) x[i] = stream.next(0, 4000), y[i] = stream.next(0, 3000);
+      RayPacket packet;
+      rays.rays(x, y, packet);
+      HitPacket hits{};
+      for (uint32_t i = 0; i < kPacketWidth; ++i) {
+        const Ray ray = rays.ray(x[i], y[i]);
+        EXPECT_EQ(ray.direction, (Vec3f{packet.dx[i], packet.dy[i], packet.dz[i]}));
+        EXPECT_EQ(ray.tnear, packet.tnear[i]);
+        EXPECT_EQ(ray.tfar, packet.tfar[i]);
+        hits.t[i] = stream.next(0, 9), hits.instance[i] = i % 4 ? i : kNoInstance;
+      }
+      rays.depths(packet, hits, depth);
+      for (uint32_t i = 0; i < kPacketWidth; ++i) {
+        const Ray ray = rays.ray(x[i], y[i]);
+        EXPECT_EQ(depth[i],
+                  i % 4 ? rays.depth(ray.origin + ray.direction * hits.t[i]) : std::numeric_limits<float>::infinity());
+      }
+    }
+  }
+}
+
 TEST(CameraRays, DifferentialsAgreeWithFiniteDifferences) {
   for (const Camera& camera : {Camera{}, skewed()}) {
     const Settings settings = film(64, 48);

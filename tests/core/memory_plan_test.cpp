@@ -17,10 +17,15 @@ Settings frame(uint32_t width, uint32_t height, uint32_t samples) {
   return settings;
 }
 
+// Three layers at the usual rate.
+PlanInput threeLayers() {
+  return {{{2, Search::Groups}, {2, Search::Cells}, {2, Search::Cells}}};
+}
+
 TEST(MemoryPlan, StaysWithinTheBudget) {
   for (const uint64_t budget : {1024 * kMebibyte, 4096 * kMebibyte, 16384 * kMebibyte})
     for (const uint32_t samples : {1u, 4u, 11u, 23u}) {
-      const MemoryPlan plan = planMemory(frame(1920, 1080, samples), 3, budget);
+      const MemoryPlan plan = planMemory(frame(1920, 1080, samples), threeLayers(), budget);
       EXPECT_GE(plan.blocks_per_batch, 1u);
       // One block is allowed to be larger than what batches are usually cut to, but not than the budget.
       EXPECT_LE(plan.fixed_bytes + plan.blocks_per_batch * plan.bytes_per_block, budget);
@@ -30,7 +35,7 @@ TEST(MemoryPlan, StaysWithinTheBudget) {
 TEST(MemoryPlan, MoreMemoryNeverMeansSmallerBatches) {
   uint32_t before = 0;
   for (uint64_t budget = 1000 * kMebibyte; budget < 20000 * kMebibyte; budget += 500 * kMebibyte) {
-    const MemoryPlan plan = planMemory(frame(1280, 720, 11), 3, budget);
+    const MemoryPlan plan = planMemory(frame(1280, 720, 11), threeLayers(), budget);
     EXPECT_GE(plan.blocks_per_batch, before);
     before = plan.blocks_per_batch;
   }
@@ -39,7 +44,7 @@ TEST(MemoryPlan, MoreMemoryNeverMeansSmallerBatches) {
 
 TEST(MemoryPlan, NamesTheSmallestSufficientBudget) {
   try {
-    planMemory(frame(1920, 1080, 11), 3, 1);
+    planMemory(frame(1920, 1080, 11), threeLayers(), 1);
     FAIL() << "a budget of one byte was accepted";
   } catch (const Error& error) {
     EXPECT_EQ(error.kind(), ErrorKind::Memory);
@@ -48,23 +53,40 @@ TEST(MemoryPlan, NamesTheSmallestSufficientBudget) {
     const size_t digits = remedy.find_first_of("0123456789");
     ASSERT_NE(digits, std::string::npos) << remedy;
     const uint64_t least = std::stoull(remedy.substr(digits));
-    EXPECT_NO_THROW(planMemory(frame(1920, 1080, 11), 3, least * kMebibyte));
-    EXPECT_THROW(planMemory(frame(1920, 1080, 11), 3, (least - 2) * kMebibyte), Error);
+    EXPECT_NO_THROW(planMemory(frame(1920, 1080, 11), threeLayers(), least * kMebibyte));
+    EXPECT_THROW(planMemory(frame(1920, 1080, 11), threeLayers(), (least - 2) * kMebibyte), Error);
   }
 }
 
 TEST(MemoryPlan, TileDoesNotGrowWithTheImage) {
-  const MemoryPlan hd = planMemory(frame(1920, 1080, 4), 3, 1ull << 40);
-  const MemoryPlan wide = planMemory(frame(16384, 8192, 4), 3, 1ull << 40);
+  const MemoryPlan hd = planMemory(frame(1920, 1080, 4), threeLayers(), 1ull << 40);
+  const MemoryPlan wide = planMemory(frame(16384, 8192, 4), threeLayers(), 1ull << 40);
   EXPECT_EQ(hd.bytes_per_block, wide.bytes_per_block);
   EXPECT_EQ(hd.blocks_per_batch, wide.blocks_per_batch);
 }
 
+// §3.1: what grows with the image is only a strip of its width for the film.
+TEST(MemoryPlan, ImageAndSampleCountDoNotChangeWhatATileTakes) {
+  const MemoryPlan hd = planMemory(frame(1920, 1080, 23), threeLayers(), 1024 * kMebibyte);
+  const MemoryPlan wide = planMemory(frame(16384, 8192, 4), threeLayers(), 1024 * kMebibyte);
+  EXPECT_NEAR(double(wide.fixed_bytes), double(hd.fixed_bytes), 16.0 * kMebibyte);
+  EXPECT_GE(hd.blocks_per_batch, 1u);
+}
+
+TEST(MemoryPlan, SeedsOfTheHighestRateFit) {
+  PlanInput input = threeLayers();
+  input.layers[1].rate = 16;
+  const MemoryPlan plan = planMemory(frame(1920, 1080, 4), input, 2048 * kMebibyte);
+  EXPECT_GE(plan.blocks_per_seed_batch, 1u);
+  EXPECT_LE(plan.fixed_bytes + plan.blocks_per_seed_batch * plan.bytes_per_seed_block, 2048 * kMebibyte);
+  EXPECT_GT(plan.fixed_bytes, planMemory(frame(1920, 1080, 4), threeLayers(), 2048 * kMebibyte).fixed_bytes);
+}
+
 TEST(MemoryPlan, ReferenceNeedsNoTrees) {
   Settings settings = frame(1920, 1080, 4);
-  const uint64_t reuse = planMemory(settings, 1, 1ull << 40).fixed_bytes;
+  const uint64_t reuse = planMemory(settings, threeLayers(), 1ull << 40).fixed_bytes;
   settings.method = Method::Reference;
-  EXPECT_LT(planMemory(settings, 1, 1ull << 40).fixed_bytes, reuse);
+  EXPECT_LT(planMemory(settings, threeLayers(), 1ull << 40).fixed_bytes, reuse);
 }
 
 TEST(MemoryPlan, DefaultBudgetIsHalfOfWhatThereIs) {

@@ -61,7 +61,7 @@ struct Batch {
 
 inline FirstHit filmPoint(float x, float y, uint32_t pixel, uint32_t sample) {
   FirstHit f;
-  f.film_x = x, f.film_y = y, f.pixel = pixel, f.sample = sample, f.active = true;
+  f.film_x = x, f.film_y = y, f.pixel = pixel, f.sample = sample;
   return f;
 }
 
@@ -98,6 +98,9 @@ inline Light dome(Vec3f radiance) {
   return light;
 }
 
+inline Vec3f direction(const World& world, const FirstHit& first) {
+  return world.camera().ray(first.film_x, first.film_y).direction;
+}
 inline Vec3d position(const World& world, const PathVertex& v) {
   return toDouble(world.trace->surface(v.hit, v.direction).position);
 }

@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "core/render/render_loop.h"
+#include "core/render/whole_frame.h"
 #include "core/scene/error.h"
 
 namespace encore {
@@ -116,32 +117,173 @@ TEST(Render, CompositeIsTheSumOfItsLayersToTheLastBit) {
   EXPECT_EQ(frame.statistics.non_finite_samples, 0u);
 }
 
-TEST(Render, DoesNotDependOnThreadsMemoryOrTheRun) {
-  Scene scene = everyLayer();
-  const auto vulkan = device();
-  Settings settings = smallFrame();
-  settings.memory_budget_bytes = 4ull << 30;
-  const Frame first = render(scene, settings, *vulkan);
-  // The smallest budget that holds one block.
-  uint64_t least = 1 << 20;
+// The budget in bytes that the error for a budget of one byte names.
+uint64_t smallestBudget(Scene& scene, Settings settings, Device& vulkan) {
+  settings.memory_budget_bytes = 1;
   try {
-    settings.memory_budget_bytes = least;
-    render(scene, settings, *vulkan);
+    render(scene, settings, vulkan);
   } catch (const Error& error) {
     const std::string& remedy = error.remedy();
-    least = std::stoull(remedy.substr(remedy.find_first_of("0123456789"))) << 20;
+    return std::stoull(remedy.substr(remedy.find_first_of("0123456789"))) << 20;
   }
-  for (const uint32_t threads : {1u, 2u})
-    for (const uint64_t budget : {least, uint64_t{4} << 30}) {
-      settings.threads = threads;
-      settings.memory_budget_bytes = budget;
-      const Frame again = render(scene, settings, *vulkan);
-      for (size_t layer = 0; layer < 3; ++layer)
-        EXPECT_TRUE(sameBits(first.images.layers[layer], again.images.layers[layer])) << threads << " " << budget;
-      EXPECT_TRUE(sameBits(first.images.normal, again.images.normal));
-      EXPECT_EQ(first.images.alpha, again.images.alpha);
-      EXPECT_EQ(first.images.depth, again.images.depth);
-    }
+  ADD_FAILURE() << "a budget of one byte was accepted";
+  return 0;
+}
+
+void expectSameImages(const Frame& a, const Frame& b, const std::string& what) {
+  ASSERT_EQ(a.images.layers.size(), b.images.layers.size()) << what;
+  for (size_t layer = 0; layer < a.images.layers.size(); ++layer) {
+    EXPECT_TRUE(sameBits(a.images.layers[layer], b.images.layers[layer])) << what << layerName(a.layers[layer]);
+  }
+  EXPECT_TRUE(sameBits(a.images.normal, b.images.normal)) << what;
+  EXPECT_EQ(a.images.alpha, b.images.alpha) << what;
+  EXPECT_EQ(a.images.depth, b.images.depth) << what;
+  ASSERT_EQ(a.images.debug.size(), b.images.debug.size()) << what;
+  for (size_t layer = 0; layer < a.images.debug.size(); ++layer) {
+    EXPECT_EQ(a.images.debug[layer].evaluations, b.images.debug[layer].evaluations) << what;
+    EXPECT_EQ(a.images.debug[layer].reshaded, b.images.debug[layer].reshaded) << what;
+    EXPECT_EQ(a.images.debug[layer].distance, b.images.debug[layer].distance) << what;
+    EXPECT_TRUE(sameBits(a.images.debug[layer].id, b.images.debug[layer].id)) << what;
+  }
+}
+
+// One way in which a frame can be rendered.
+struct Control {
+  const char* name;
+  void (*set)(Scene&, Settings&);
+};
+const Control kControls[] = {
+    {"plain ", [](Scene&, Settings&) {}},
+    {"trees ", [](Scene&, Settings& s) { s.search = Search::Tree; }},
+    {"groups ", [](Scene&, Settings& s) { s.search = Search::Groups; }},
+    {"cells ", [](Scene&, Settings& s) { s.search = Search::Cells; }},
+    {"metric ", [](Scene&, Settings& s) { s.footprint_reuse = FootprintReuse::Metric; }},
+    {"octaves ", [](Scene&, Settings& s) { s.footprint_reuse = FootprintReuse::Octaves; }},
+    {"limit ", [](Scene&, Settings& s) { s.max_reuse_distance = 1.5f; }},
+    {"world space ", [](Scene&, Settings& s) { s.world_space_parameters = true; }},
+    {"debug ", [](Scene&, Settings& s) { s.debug_aovs = true; }},
+    {"rates ",
+     [](Scene& scene, Settings& s) {
+       scene.meshes[0].shading_rate = {0.5f, 4, 1};
+       scene.instances[3].shading_rate = {8, 0, 0};
+       s.shading_rate_refraction = 3;
+       s.max_reuse_distance = 2;
+     }},
+    {"everything ",
+     [](Scene& scene, Settings& s) {
+       scene.meshes[0].shading_rate = {0.5f, 4, 1};
+       s.footprint_reuse = FootprintReuse::Metric;
+       s.max_reuse_distance = 2;
+       s.world_space_parameters = true;
+       s.debug_aovs = true;
+     }},
+    {"reference ", [](Scene&, Settings& s) { s.method = Method::Reference; }},
+    {"decoupled ", [](Scene&, Settings& s) { s.method = Method::Decoupled; }},
+    {"decoupled-pixel ", [](Scene&, Settings& s) { s.method = Method::DecoupledPixel; }},
+    {"vertex ", [](Scene&, Settings& s) { s.method = Method::Vertex; }},
+};
+
+TEST(Render, DoesNotDependOnThreadsMemoryOrTheRun) {
+  const auto vulkan = device();
+  for (const Control& control : kControls) {
+    Scene scene = everyLayer();
+    Settings settings = smallFrame();
+    control.set(scene, settings);
+    settings.memory_budget_bytes = 4ull << 30;
+    const Frame first = render(scene, settings, *vulkan);
+    settings.threads = 2;
+    settings.memory_budget_bytes = smallestBudget(scene, settings, *vulkan);
+    expectSameImages(first, render(scene, settings, *vulkan), control.name);
+  }
+}
+
+TEST(Render, EverySearchGivesTheSameImages) {
+  const auto vulkan = device();
+  Scene scene = everyLayer();
+  Settings settings = smallFrame();
+  const Frame first = render(scene, settings, *vulkan);
+  for (const Search search : {Search::Tree, Search::Groups, Search::Cells}) {
+    settings.search = search;
+    expectSameImages(first, render(scene, settings, *vulkan), "search " + std::to_string(int(search)) + " ");
+  }
+}
+
+TEST(Render, TilesTogetherAreTheWholeFrame) {
+  const auto vulkan = device();
+  Scene scene = everyLayer();
+  Settings settings = smallFrame();
+  settings.debug_aovs = true;
+  const Frame whole = render(scene, settings, *vulkan);
+  Frame parts;
+  std::vector<int> seen(size_t(settings.width) * settings.height);
+  WholeFrame assembled(settings.width, settings.height);
+  Frame rest = render(scene, settings, *vulkan, {}, [&](FilmImages&& images) {
+    for (uint32_t y = images.rect.y0; y < images.rect.y1; ++y)
+      for (uint32_t x = images.rect.x0; x < images.rect.x1; ++x) ++seen[size_t(y) * settings.width + x];
+    assembled.add(images);
+  });
+  EXPECT_TRUE(rest.images.composite.empty());
+  for (const int count : seen) ASSERT_EQ(count, 1);
+  parts.layers = rest.layers;
+  parts.images = assembled.take();
+  expectSameImages(whole, parts, "tiles ");
+}
+
+// Every surface gets the shades that it asks for, however its neighbours ask.
+TEST(Render, SurfacesAreShadedAtTheirOwnRates) {
+  const auto vulkan = device();
+  const float asked[] = {0.25f, 1, 2, 8};
+  Scene scene;
+  scene.materials.resize(1);
+  scene.materials[0].path = "/matte";
+  scene.materials[0].ior.value = 1;
+  for (int i = 0; i < 4; ++i) {
+    place(scene, quad("/stripe", {float(i) - 2, -2, 0}, {1, 0, 0}, {0, 4, 0}, 0), {0, 0, 0});
+    if (i < 2)
+      scene.meshes.back().shading_rate = {asked[i], asked[i], asked[i]};
+    else
+      scene.instances.back().shading_rate = {asked[i], 0, 0};
+  }
+  scene.camera.to_world.origin = {0, 0, 5};
+  scene.camera.half_tangent = {0.4f, 0.4f};  // exactly the four stripes
+  Settings settings = smallFrame();
+  settings.width = settings.height = 128;
+  settings.debug_aovs = true;
+  const Frame frame = render(scene, settings, *vulkan);
+  double evaluations[4] = {};
+  for (uint32_t y = 0; y < 128; ++y)
+    for (uint32_t x = 0; x < 128; ++x) evaluations[x / 32] += frame.images.debug[0].evaluations[y * 128 + x];
+  for (int i = 0; i < 4; ++i) EXPECT_NEAR(evaluations[i] / (128 * 32) / asked[i], 1, 0.05) << asked[i];
+}
+
+TEST(Render, ALimitOfTheReuseDistanceTurnsFarReuseIntoFailures) {
+  const auto vulkan = device();
+  Scene scene = everyLayer();
+  Settings settings = smallFrame();
+  const LayerStatistics free = render(scene, settings, *vulkan).statistics.layers.at("direct");
+  settings.max_reuse_distance = 0.5f;
+  const LayerStatistics limited = render(scene, settings, *vulkan).statistics.layers.at("direct");
+  EXPECT_GT(limited.failed_samples, 2 * free.failed_samples);
+  settings.max_reuse_distance = 1e6f;
+  EXPECT_EQ(render(scene, settings, *vulkan).statistics.layers.at("direct").failed_samples, free.failed_samples);
+}
+
+// Without reuse between primitives the modified mapping shades each primitive of each pixel once (at rate 1).
+TEST(Render, DecoupledSamplingShadesOncePerCell) {
+  const auto vulkan = device();
+  Scene scene = everyLayer();
+  Settings settings = smallFrame();
+  settings.samples = 6;
+  settings.shading_rate = 1;
+  for (const Method method : {Method::Decoupled, Method::DecoupledPixel}) {
+    settings.method = method;
+    const Frame frame = render(scene, settings, *vulkan);
+    const LayerStatistics& direct = frame.statistics.layers.at("direct");
+    EXPECT_EQ(direct.failed_samples, direct.antialiasing_samples);
+    EXPECT_GE(direct.shading_evaluations * 36, direct.antialiasing_samples);
+    EXPECT_LT(direct.shading_evaluations * 15, direct.antialiasing_samples);
+    EXPECT_EQ(direct.reshading_evaluations, 0u);
+  }
 }
 
 TEST(Render, ReuseShadesLessThanReferenceAndCountsIt) {

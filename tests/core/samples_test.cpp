@@ -23,6 +23,8 @@ TEST(ReuseTiles, HoldEveryBlockOnce) {
       EXPECT_TRUE(blocks.insert({block.x, block.y}).second);
       EXPECT_EQ(block.x / 256, tile.blocks[0].x / 256);
       EXPECT_EQ(block.y / 256, tile.blocks[0].y / 256);
+      EXPECT_TRUE(block.x >= tile.rect.x0 && block.x < tile.rect.x1 && block.y >= tile.rect.y0 &&
+                  block.y < tile.rect.y1);
     }
   EXPECT_EQ(blocks.size(), 66u * 44u);
 }
@@ -30,9 +32,8 @@ TEST(ReuseTiles, HoldEveryBlockOnce) {
 TEST(ShadingRays, AreAsManyAsTheRateAsks) {
   for (const float rate : {0.01f, 0.25f, 1.0f, 2.0f, 3.7f}) {
     Settings settings = frame(512, 512);
-    settings.shading_rate = rate;
     settings.reuse_tile_pixels = 512;
-    const BlockRays rays = generateShadingRays(settings, reuseTiles(settings)[0].blocks);
+    const BlockRays rays = generateShadingRays(settings, reuseTiles(settings)[0].blocks, rate);
     const double expected = 512.0 * 512.0 * double(rate);
     EXPECT_NEAR(double(rays.first.size()), expected, 3 * std::sqrt(1024.0)) << rate;
     EXPECT_EQ(rays.ends.back(), rays.first.size());
@@ -42,54 +43,35 @@ TEST(ShadingRays, AreAsManyAsTheRateAsks) {
 // 512 points of a (0, 2)-sequence over 16 × 16 pixels put exactly two into every pixel.
 TEST(ShadingRays, AreStratifiedOverPixels) {
   Settings settings = frame(64, 48);
-  settings.shading_rate = 2;
-  const BlockRays rays = generateShadingRays(settings, reuseTiles(settings)[0].blocks);
+  const BlockRays rays = generateShadingRays(settings, reuseTiles(settings)[0].blocks, 2);
   std::vector<int> count(64 * 48);
   for (const FirstHit& f : rays.first) ++count[size_t(f.film_y) * 64 + size_t(f.film_x)];
   for (const int c : count) EXPECT_EQ(c, 2);
 }
 
-TEST(ShadingRays, OfALowerRateAreAmongThoseOfAHigher) {
-  Settings low = frame(32, 32), high = frame(32, 32);
-  low.shading_rate = 0.5f;
-  high.shading_rate = 4;
-  const auto tile = reuseTiles(low)[0];
-  std::set<std::pair<float, float>> points;
-  for (const FirstHit& f : generateShadingRays(high, tile.blocks).first) points.insert({f.film_x, f.film_y});
-  for (const FirstHit& f : generateShadingRays(low, tile.blocks).first)
-    EXPECT_TRUE(points.contains({f.film_x, f.film_y}));
+// A primitive of a lower rate keeps the points below its own count: they are the lower rate's points.
+TEST(ShadingRays, OfALowerRateAreTheFirstOfAHigher) {
+  const Settings settings = frame(32, 32);
+  const auto blocks = reuseTiles(settings)[0].blocks;
+  for (const float low : {0.003f, 0.25f, 0.5f, 1.7f, 4.0f}) {
+    const BlockRays some = generateShadingRays(settings, blocks, low), all = generateShadingRays(settings, blocks, 4);
+    std::vector<std::pair<float, float>> expected, kept;
+    for (const FirstHit& f : some.first) expected.emplace_back(f.film_x, f.film_y);
+    size_t i = 0;
+    for (size_t b = 0; b < blocks.size(); ++b)
+      for (; i < all.ends[b]; ++i)
+        if (all.first[i].sample < shadingRayCount(settings, blocks[b], low))
+          kept.emplace_back(all.first[i].film_x, all.first[i].film_y);
+    EXPECT_EQ(kept, expected) << low;
+  }
 }
 
 TEST(ShadingRays, DoNotLeaveTheImage) {
   const Settings settings = frame(21, 7);
-  for (const FirstHit& f : generateShadingRays(settings, reuseTiles(settings)[0].blocks).first) {
+  for (const FirstHit& f : generateShadingRays(settings, reuseTiles(settings)[0].blocks, 2).first) {
     EXPECT_LT(f.film_x, 21.0f);
     EXPECT_LT(f.film_y, 7.0f);
   }
-}
-
-TEST(AntialiasRays, AreJitteredInTheirStrata) {
-  Settings settings = frame(37, 21);
-  settings.samples = 5;
-  const auto blocks = reuseTiles(settings)[0].blocks;
-  std::vector<uint32_t> position(blocks.size() * kBlockArea * 25);
-  const BlockRays rays = generateAntialiasRays(settings, blocks, position);
-  ASSERT_EQ(rays.first.size(), position.size());
-  ASSERT_EQ(rays.ends.size(), blocks.size());
-  size_t active = 0;
-  for (size_t i = 0; i < rays.first.size(); ++i) {
-    const FirstHit& f = rays.first[i];
-    const uint32_t pixel = uint32_t(i / 25 % kBlockArea), block = uint32_t(i / 25 / kBlockArea);
-    const float x = float(blocks[block].x + pixel % kBlockPixels), y = float(blocks[block].y + pixel / kBlockPixels);
-    EXPECT_EQ(f.active, x < 37 && y < 21);
-    active += f.active;
-    EXPECT_EQ(f.film_x, x + float(position[i] & 0xffff) * 0x1p-16f);
-    EXPECT_EQ(f.film_y, y + float(position[i] >> 16) * 0x1p-16f);
-    const uint32_t s = uint32_t(i % 25);
-    EXPECT_NEAR((f.film_x - x) * 5, float(s % 5) + 0.5f, 0.5f + 1e-3f);
-    EXPECT_NEAR((f.film_y - y) * 5, float(s / 5) + 0.5f, 0.5f + 1e-3f);
-  }
-  EXPECT_EQ(active, size_t(37) * 21 * 25);
 }
 
 }  // namespace

@@ -168,7 +168,8 @@ TEST(ValidateMesh, NamesBadMaterialsAndSettings) {
       {[](Mesh& m) { m.material = -1; }, {"material:binding", "index -1"}},
       {[](Mesh& m) { m.target_edge_length_world = -1; }, {"primvars:encore:targetEdgeLength", "-1"}},
       {[](Mesh& m) { m.target_edge_length_world = kNan; }, {"primvars:encore:targetEdgeLength", "nan"}},
-      {[](Mesh& m) { m.shading_rate = kInfinity; }, {"primvars:encore:shadingRate", "inf"}},
+      {[](Mesh& m) { m.shading_rate[0] = kInfinity; }, {"primvars:encore:shadingRate:direct", "inf"}},
+      {[](Mesh& m) { m.shading_rate[2] = -1; }, {"primvars:encore:shadingRate:refraction", "-1"}},
   });
 }
 
@@ -190,6 +191,8 @@ TEST(ValidateScene, NamesBadPlacement) {
   expectSceneErrors({
       {[](Scene& s) { s.instances[0].prototype = 1; }, {"/world/quads", "index 1", "prototypes number 1"}},
       {[](Scene& s) { s.prototypes[0].meshes = {7}; }, {"/world/quads", "index 7", "meshes number 1"}},
+      {[](Scene& s) { s.instances[0].shading_rate[1] = 300; },
+       {"/world/quads.primvars:encore:shadingRate:reflection", "300"}},
       {[](Scene& s) { s.instances[0].material = 1; }, {"/world/quads.material:binding", "materials number 1"}},
       {[](Scene& s) { s.instances[0].to_world.ey = {0, 0, 0}; }, {"/world/quads.xformOp:transform", "inverted"}},
       {[](Scene& s) { s.instances[0].to_world.ey = {2, 0, 0}; }, {"/world/quads.xformOp:transform", "inverted"}},
@@ -256,6 +259,13 @@ TEST(ValidateSettings, NamesFieldValueAndRange) {
       {[](Settings& s) { s.shading_rate = 0; }, {"shading_rate", "above 0"}},
       {[](Settings& s) { s.shading_rate = 257; }, {"shading_rate", "256"}},
       {[](Settings& s) { s.shading_rate = kNan; }, {"shading_rate", "nan"}},
+      {[](Settings& s) { s.shading_rate_reflection = 257; }, {"shading_rate_reflection", "257"}},
+      {[](Settings& s) { s.shading_rate_refraction = -1; }, {"shading_rate_refraction", "-1"}},
+      {[](Settings& s) { s.search = Search(7); }, {"search", "7"}},
+      {[](Settings& s) { s.footprint_reuse = FootprintReuse(7); }, {"footprint_reuse", "octaves"}},
+      {[](Settings& s) { s.footprint_reuse = FootprintReuse::Metric, s.search = Search::Cells; }, {"search", "metric"}},
+      {[](Settings& s) { s.footprint_weight = 0; }, {"footprint_weight", "above 0"}},
+      {[](Settings& s) { s.max_reuse_distance = kNan; }, {"max_reuse_distance", "nan"}},
       {[](Settings& s) { s.max_bounces = 257; }, {"max_bounces", "257"}},
       {[](Settings& s) { s.filter = FilterKind(-1); }, {"filter", "-1", "gaussian"}},
       {[](Settings& s) { s.filter_radius_pixels = 0.49f; }, {"filter_radius_pixels", "0.49", "0.5 to 8"}},

@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "core/scene/error.h"
+#include "core/trace/packets.h"
 #include "core/trace/trace_scene.h"
 #include "shapes.h"
 
@@ -277,6 +278,55 @@ TEST(FlushDenormals, SetsAndRestores) {
   volatile float tiny = 1e-30f;
   EXPECT_EQ((_mm_getcsr() ^ before) & 0x8040u, 0u);
   EXPECT_NE(tiny * 1e-15f, 0.0f);
+}
+
+// Sixteen at a time, with lanes that cannot be traced among them.
+TEST(Packets, AgreeWithSingleRaysAndSurfaces) {
+  for (const Vec3f origin : {Vec3f{0, 0, 6}, Vec3f{3, -4, 2}, Vec3f{1e19f, 0, 0}}) {
+    const Stage stage = randomStage(4);
+    const TraceScene trace(stage.scene, stage.diced);
+    const FlushDenormals flush;
+    PacketTracer tracer(trace, origin);
+    Stream stream(8);
+    uint32_t hit_count = 0;
+    for (uint32_t round = 0; round < 100; ++round) {
+      const uint32_t count = round % kPacketWidth + 1;
+      RayPacket packet{};
+      std::vector<Ray> rays(count);
+      for (uint32_t i = 0; i < count; ++i) {
+        Ray& ray = rays[i];
+        ray.origin = origin, ray.direction = normalize(stream.inCube(2) - origin);
+        ray.tfar = stream.next() < 0.2f ? 4 : 1e20f;
+        if (round == 20 && i == 3) ray.direction.y = std::numeric_limits<float>::quiet_NaN();
+        if (round == 21 && i == 4) ray.tnear = 9, ray.tfar = 8;
+        packet.dx[i] = ray.direction.x, packet.dy[i] = ray.direction.y, packet.dz[i] = ray.direction.z;
+        packet.tnear[i] = ray.tnear, packet.tfar[i] = ray.tfar;
+      }
+      const std::vector<Hit> expected = intersect(trace, rays, Coherence::Coherent);
+      HitPacket hits;
+      SurfacePacket points;
+      tracer.intersect(packet, count, hits);
+      tracer.surface(packet, hits, points);
+      for (uint32_t i = 0; i < kPacketWidth; ++i) {
+        const Hit hit = hits.hit(i);
+        EXPECT_TRUE(same(hit, i < count ? expected[i] : Hit{})) << round << " " << i;
+        if (!hit.valid()) {
+          EXPECT_EQ((Vec3f{points.nx[i], points.ny[i], points.nz[i]}), Vec3f{});
+          continue;
+        }
+        ++hit_count;
+        const SurfacePoint point = trace.surface(hit, rays[i].direction);
+        EXPECT_EQ(points.primitive_side[i], point.key(0).primitive_side);
+        EXPECT_EQ((Vec2f{points.u[i], points.v[i]}), point.uv);
+        EXPECT_EQ((Vec3f{points.nx[i], points.ny[i], points.nz[i]}), point.side ? -point.ns : point.ns);
+        EXPECT_EQ(points.material[i], point.material);
+        EXPECT_EQ(tracer.geometricNormal(packet, hits, i), point.ng);
+        const Vec3f dpdx = point.e1 * 0.1f, dpdy = point.e2 * 0.2f + point.ng;
+        EXPECT_EQ(tracer.gradients(hits, i).footprint(dpdx, dpdy), trace.parametricFootprint(hit, point, dpdx, dpdy));
+      }
+    }
+    EXPECT_EQ(hit_count > 100, origin.x < 1e18f);
+  }
 }
 
 }  // namespace

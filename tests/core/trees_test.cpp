@@ -36,10 +36,10 @@ struct HostTrees {
 class TreesTest : public testing::Test {
  protected:
   HostTrees built(const twin::Samples& samples) {
-    const auto trees = kernels_.buildTrees(twin::uploadShading(*device_, samples));
-    EXPECT_EQ(trees->sample_count, samples.keys.size());
-    EXPECT_EQ(trees->primitive_count, trees->primitives.size());
-    return HostTrees(*trees);
+    Trees trees = kernels_.build(twin::uploadShading(*device_, samples));
+    EXPECT_EQ(trees.sample_count, samples.keys.size());
+    EXPECT_EQ(trees.primitive_count, trees.primitives.size());
+    return HostTrees(trees);
   }
 
   void expectTree(const twin::Tree& expected, const HostTrees& trees, size_t primitive, const twin::Samples& samples) {
@@ -76,7 +76,7 @@ class TreesTest : public testing::Test {
   }
 
   std::shared_ptr<Device> device_ = Device::create({.validation = true});
-  ReuseKernels kernels_{*device_};
+  twin::TreeKernels kernels_{*device_};
   twin::CloudMaker maker_{1};
 };
 
@@ -114,28 +114,10 @@ TEST_F(TreesTest, TwoBuildsAreBitIdentical) {
 
 TEST_F(TreesTest, WorksWithoutSharedMemory) {
   const auto device = Device::create({.validation = true, .staging = true});
-  ReuseKernels kernels(*device);
+  twin::TreeKernels kernels(*device);
   const twin::Cloud cloud = maker_.mixture(5000);
-  const auto trees = kernels.buildTrees(twin::uploadShading(*device, cloud.samples));
-  EXPECT_EQ(HostTrees(*trees).ids, built(cloud.samples).ids);
-}
-
-// The bound must hold for one primitive per sample, for one in all, and between.
-TEST(TreeBytesTest, BoundsWhatABuildAllocates) {
-  twin::CloudMaker maker(2);
-  for (const uint32_t primitives : {1u, 1000u, 7000u, 65'537u}) {
-    const auto device = Device::create({.validation = true});
-    twin::Samples samples;
-    for (uint32_t i = 0; i < 65'537; ++i) samples.add({0, i % primitives}, maker.uv());
-    const ShadingSamples uploaded = twin::uploadShading(*device, samples);
-    const uint64_t before = device->allocatedBytes();
-    ReuseKernels kernels(*device);
-    const auto trees = kernels.buildTrees(uploaded);
-    const uint64_t taken = device->peakAllocatedBytes() - before, bound = ReuseKernels::treeBytes(samples.keys.size());
-    EXPECT_LE(taken, bound) << primitives;
-    EXPECT_GE(3 * taken, bound) << primitives << ": a bound that loose is of no use for planning";
-  }
-  EXPECT_GT(ReuseKernels::treeBytes(5'000'000'000), ReuseKernels::treeBytes(4'000'000'000));
+  Trees trees = kernels.build(twin::uploadShading(*device, cloud.samples));
+  EXPECT_EQ(HostTrees(trees).ids, built(cloud.samples).ids);
 }
 
 }  // namespace

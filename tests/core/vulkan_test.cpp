@@ -7,6 +7,7 @@
 
 #include "core/scene/error.h"
 #include "core/vulkan/device.h"
+#include "core/vulkan/device_impl.h"
 #include "kernels/vulkan/self_test.h"
 
 namespace encore {
@@ -96,6 +97,18 @@ TEST(DeviceChoice, NoDriverSaysWhatToInstall) {
   EXPECT_TRUE(Device::list().empty());
   const std::string message = errorOf(ErrorKind::Device, [] { Device::create(); });
   EXPECT_TRUE(contains(message, "mesa-vulkan-drivers")) << message;
+}
+
+TEST(DeviceChoice, NamesMissingSubgroupOperations) {
+  using Operation = vk::SubgroupFeatureFlagBits;
+  const vk::ShaderStageFlags compute = vk::ShaderStageFlagBits::eCompute;
+  const vk::SubgroupFeatureFlags all =
+      Operation::eBasic | Operation::eVote | Operation::eBallot | Operation::eArithmetic | Operation::eShuffle;
+  EXPECT_EQ(missingSubgroupOperations(compute | vk::ShaderStageFlagBits::eFragment, all), "");
+  EXPECT_EQ(missingSubgroupOperations(compute, all & ~vk::SubgroupFeatureFlags(Operation::eBallot)),
+            "no subgroup ballot");
+  EXPECT_EQ(missingSubgroupOperations(compute, Operation::eBasic), "no subgroup vote, ballot, arithmetic");
+  EXPECT_TRUE(contains(missingSubgroupOperations(vk::ShaderStageFlagBits::eFragment, all), "compute"));
 }
 
 // Both kinds of memory: shared, and host copies that are moved.

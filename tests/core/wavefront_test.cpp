@@ -183,7 +183,7 @@ TEST(Wavefront, AgreesWithThePrintedRecursion) {
         const FirstHit& f = batch.first[i];
         Twin twin{world, world.context(), layer, {}};
         twin.vertex.pixel = f.pixel, twin.vertex.sample = f.sample;
-        if (f.hit.valid()) twin.pathTrace({1, 1, 1}, f.hit, f.direction, 0);
+        if (f.hit.valid()) twin.pathTrace({1, 1, 1}, f.hit, direction(world, f), 0);
         const PathVertex &a = batch.vertices[i], &b = twin.vertex;
         const bool same = a.hit.instance == b.hit.instance && a.hit.triangle == b.hit.triangle &&
                           length(a.throughput - b.throughput) <= 1e-4f * (1 + length(b.throughput));
@@ -246,7 +246,7 @@ TEST(Wavefront, EvaluatesVaryingPathInputsWhereTheyAreNeeded) {
   Batch batch = film(world, 3);
   follow(world, Layer::Reflection, batch);
   for (size_t i = 0; i < batch.vertices.size(); ++i) {
-    const Vec3f d = batch.first[i].direction, p = d * (-5 / d.z);
+    const Vec3f d = direction(world, batch.first[i]), p = d * (-5 / d.z);
     if (std::abs(p.x) < 1e-3f) continue;
     const Vec3f f0 = p.x < 0 ? Vec3f{(p.x + 50) / 50, 0.2f, (50 - p.y) / 100} : Vec3f{1, 1, 1};
     EXPECT_LT(length(batch.vertices[i].throughput - fresnelSchlick(-d.z, f0)), 1e-3f);

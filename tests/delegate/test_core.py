@@ -1,10 +1,12 @@
 """encore._core: arrays in and out, errors, settings, progress, and a frame."""
 
 import gc
+from typing import Any
 
 import numpy as np
 import pytest
 from encore import _core
+from encore.image_file import Cursor
 from encore.settings import SETTINGS
 
 TRIANGLE = np.array([[-2, -2, -3], [2, -2, -3], [0, 3, -3]], dtype=np.float32)
@@ -52,6 +54,22 @@ def test_matrices_are_usds() -> None:
         found = scene.instance(first + i)
         np.testing.assert_array_equal(found["to_world"], matrices[i])
         assert found["path"] == f"/I[{(7, 9)[i]}]"
+
+
+def test_shading_rates_of_meshes_and_instances() -> None:
+    scene = new_scene()
+    mesh = scene.add_mesh("/M", TRIANGLE, ONE, CORNERS, shading_rate=(1.0, 0.25, 256.0))
+    assert scene.mesh(mesh)["shading_rate"] == (1, 0.25, 256)
+    first = scene.add_instances(
+        "/I", 0, np.stack([np.eye(4)] * 2), shading_rates=np.float32([[1, 2, 3], [0, 4, 0]])
+    )
+    assert [scene.instance(first + i)["shading_rate"] for i in range(2)] == [(1, 2, 3), (0, 4, 0)]
+    assert scene.instance(0)["shading_rate"] == (0, 0, 0)
+    with pytest.raises(_core.Error, match="shading rates"):
+        scene.add_instances("/I", 0, np.eye(4)[None], shading_rates=np.zeros((2, 3), np.float32))
+    with pytest.raises(_core.Error) as error:
+        scene.add_mesh("/Bad", TRIANGLE, ONE, CORNERS, shading_rate=(1.0, float("nan"), 0.0))
+    assert error.value.where == "/Bad.primvars:encore:shadingRate:reflection"
 
 
 def test_errors_say_what_where_and_what_to_do() -> None:
@@ -183,6 +201,89 @@ def test_what_progress_raises_comes_back(device: _core.Device) -> None:
     with pytest.raises(KeyError):
         _core.render(scene, SMALL, device, progress)
     _core.render(scene, SMALL, device)
+
+
+TILED = {**SMALL, "width": 52, "height": 40, "reuse_tile_pixels": 16, "debug_aovs": True}
+
+
+def assembled(parts: list[tuple[int, int, dict[str, Any]]], height: int, width: int) -> dict[str, Any]:
+    """Whole images of rectangles; fails unless every pixel came once."""
+    times = np.zeros((height, width), int)
+    whole: dict[str, Any] = {}
+
+    def place(into: dict[str, Any], images: dict[str, Any], x0: int, y0: int) -> None:
+        for key, value in images.items():
+            if isinstance(value, dict):
+                place(into.setdefault(key, {}), value, x0, y0)
+                continue
+            rows, columns = value.shape[:2]
+            target = into.setdefault(key, np.full((height, width, *value.shape[2:]), -1, np.float32))
+            target[y0 : y0 + rows, x0 : x0 + columns] = value
+
+    for x0, y0, images in parts:
+        rows, columns = images["alpha"].shape
+        times[y0 : y0 + rows, x0 : x0 + columns] += 1
+        place(whole, images, x0, y0)
+    assert (times == 1).all()
+    return whole
+
+
+def assert_equal_images(one: dict[str, Any], other: dict[str, Any]) -> None:
+    assert one.keys() == other.keys()
+    for key, value in one.items():
+        if isinstance(value, dict):
+            assert_equal_images(value, other[key])
+        else:
+            np.testing.assert_array_equal(value, other[key], err_msg=key)
+
+
+@pytest.mark.parametrize("radius", [0.5, 1.5, 8.0])
+@pytest.mark.parametrize("method", SETTINGS["method"].choices)
+def test_tiles_are_the_whole_image(device: _core.Device, method: str, radius: float) -> None:
+    settings = {**TILED, "method": method, "filter_radius_pixels": radius}
+    parts: list[tuple[int, int, dict[str, Any]]] = []
+    result = _core.render(
+        new_scene(), settings, device, tile=lambda x0, y0, images: parts.append((x0, y0, images))
+    )
+    assert set(result) == {"statistics"}
+    gc.collect()
+    cursor = Cursor(52, 40)
+    for x0, y0, images in parts:
+        cursor.advance(x0, y0, *reversed(images["alpha"].shape))
+    cursor.require_end()
+    assert len(parts) > 1, "pixels are handed out before the last tile"
+    whole = _core.render(new_scene(), settings, device)
+    del whole["statistics"]
+    assert_equal_images(assembled(parts, 40, 52), whole)
+
+
+def test_what_tile_raises_comes_back(device: _core.Device) -> None:
+    calls = []
+
+    def tile(x0: int, y0: int, images: dict[str, Any]) -> None:
+        calls.append((x0, y0))
+        raise KeyError("disk")
+
+    with pytest.raises(KeyError, match="disk"):
+        _core.render(new_scene(), TILED, device, tile=tile)
+    assert calls == [(0, 0)]
+
+
+def test_debug_images_add_up_to_the_statistics(device: _core.Device) -> None:
+    settings = {**TILED, "width": 48, "height": 32}
+    result = _core.render(new_scene(), settings, device)
+    (debug,) = result["debug"].values()
+    statistics = result["statistics"]["layers"]["direct"]
+    assert debug["evaluations"].sum() == statistics["shading_evaluations"] > 0
+    assert {name: debug[name].shape for name in ("reshaded", "distance", "id")} == {
+        "reshaded": (32, 48),
+        "distance": (32, 48),
+        "id": (32, 48, 3),
+    }
+    assert debug["reshaded"].min() >= 0 and debug["reshaded"].max() <= 1
+    empty = result["alpha"] == 0
+    assert empty.any() and not debug["evaluations"][empty].all()
+    assert "debug" not in _core.render(new_scene(), {**settings, "debug_aovs": False}, device)
 
 
 def test_versions() -> None:

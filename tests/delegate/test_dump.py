@@ -83,7 +83,7 @@ mesh /World/Mesh
   face_vertex_counts: (4)
   face_vertex_indices: (0, 1, 2, 3)
   target_edge_length_world: 0
-  shading_rate: 0
+  shading_rate: (0, 0, 0)
   material: displayColor(1, 0.5, 0)
 prototype /World/Mesh
   meshes: /World/Mesh

@@ -3,46 +3,22 @@
 import contextlib
 import os
 import struct
-import subprocess
-import sys
 import threading
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import OpenEXR
 import OpenImageIO as oiio
 import pytest
 from encore import color, output
+from encore.channels import EMPTY_DEPTH
 from encore.color import ColorOptions, display_transform
 from encore.errors import InternalError, OutputError, UsageError
-from encore.output import EMPTY_DEPTH, Image
-
-HEADER = {"encore:method": "reuse", "encore:seed": "4294967295", "encore:version": "1.2.3", "comments": "é"}
+from encore.exr_file import REC709
+from pictures import HEADER, LAYERS, Images, new_images, read_exr, write
 
 
 def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
-
-
-def image(height: int = 5, width: int = 7) -> Image:
-    """An image whose composite is the float sum of its layers, as the film's is."""
-    random = np.random.default_rng(1)
-    layers = {
-        name: random.random((height, width, 3), dtype=np.float32) * np.float32(scale)
-        for name, scale in (("direct", 1), ("reflection", 1e-3), ("refraction", 1e3))
-    }
-    composite = (layers["direct"] + layers["reflection"]) + layers["refraction"]
-    depth = random.random((height, width), dtype=np.float32)
-    depth[0, 0] = np.inf
-    return Image(
-        layers=layers,
-        composite=composite,
-        alpha=random.random((height, width), dtype=np.float32),
-        depth=depth,
-        normal=random.random((height, width, 3), dtype=np.float32) * 2 - 1,
-        header=dict(HEADER),
-    )
 
 
 def read_attributes(path: Path) -> dict[str, tuple[str, bytes]]:
@@ -62,56 +38,50 @@ def read_attributes(path: Path) -> dict[str, tuple[str, bytes]]:
     return attributes
 
 
-def read_exr(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        return dict(file.header()), {name: channel.pixels for name, channel in file.channels().items()}
-
-
 def srgb(linear: np.ndarray) -> np.ndarray:
     """IEC 61966-2-1."""
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.power(linear, 1 / 2.4) - 0.055)
 
 
 def test_exr_holds_every_channel_bit_for_bit(tmp_path: Path) -> None:
-    made = image()
-    output.write_exr(str(tmp_path / "a.exr"), made)
+    made = new_images()
+    write(tmp_path / "a.exr", made)
     _, channels = read_exr(tmp_path / "a.exr")
-    layers = [f"{layer}.{c}" for layer in ("direct", "reflection", "refraction") for c in "RGB"]
+    layers = [f"{layer}.{c}" for layer in LAYERS for c in "RGB"]
     assert set(channels) == {"R", "G", "B", "A", "Z", "N.X", "N.Y", "N.Z", *layers}
     assert all(channel.dtype == np.float32 for channel in channels.values())
     for i, c in enumerate("RGB"):
-        assert np.array_equal(channels[c], made.composite[..., i])
+        assert np.array_equal(channels[c], made["composite"][..., i])
         total = (channels[f"direct.{c}"] + channels[f"reflection.{c}"]) + channels[f"refraction.{c}"]
         assert np.array_equal(channels[c], total)
-    assert np.array_equal(channels["A"], made.alpha)
+    assert np.array_equal(channels["A"], made["alpha"])
     assert channels["Z"][0, 0] == EMPTY_DEPTH
-    assert np.array_equal(channels["Z"].ravel()[1:], made.depth.ravel()[1:])
+    assert np.array_equal(channels["Z"].ravel()[1:], made["depth"].ravel()[1:])
 
 
 def test_only_layers_that_exist_are_written(tmp_path: Path) -> None:
-    made = image()
-    del made.layers["reflection"], made.layers["refraction"]
-    output.write_exr(str(tmp_path / "a.exr"), made)
+    made = new_images()
+    del made["layers"]["reflection"], made["layers"]["refraction"]
+    write(tmp_path / "a.exr", made)
     assert not any(name.startswith("refl") for name in read_exr(tmp_path / "a.exr")[1])
 
 
 def test_exr_header(tmp_path: Path) -> None:
-    made = image()
-    made.pixel_aspect_ratio = 2.0
-    output.write_exr(str(tmp_path / "a.exr"), made)
+    made = new_images()
+    write(tmp_path / "a.exr", made, pixel_aspect_ratio=2.0)
     attributes = read_attributes(tmp_path / "a.exr")
     # A part name makes viewers show layers called ".R"; single-part files must not have one.
     assert "name" not in attributes
     assert attributes["compression"] == ("compression", bytes([3]))
     assert attributes["pixelAspectRatio"] == ("float", struct.pack("<f", 2))
-    assert attributes["chromaticities"] == ("chromaticities", struct.pack("<8f", *output.REC709))
+    assert attributes["chromaticities"] == ("chromaticities", struct.pack("<8f", *REC709))
     for name, value in HEADER.items():
         assert attributes[name] == ("string", value.encode())
 
 
 def test_another_reader_sees_the_same_channels(tmp_path: Path) -> None:
-    made = image()
-    output.write_exr(str(tmp_path / "a.exr"), made)
+    made = new_images()
+    write(tmp_path / "a.exr", made)
     file = oiio.ImageInput.open(str(tmp_path / "a.exr"))
     spec = file.spec()
     assert not file.seek_subimage(1, 0)
@@ -125,25 +95,25 @@ def test_equal_images_give_equal_files(tmp_path: Path) -> None:
     for suffix in (".exr", ".png"):
         paths = [tmp_path / f"{name}{suffix}" for name in "ab"]
         for path in paths:
-            output.write_image(str(path), image(), display_transform(ColorOptions()))
+            write(path, new_images())
         assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("suffix", [".exr", ".png"])
 def test_numbers_that_are_not_finite_are_never_written(tmp_path: Path, bad: float, suffix: str) -> None:
-    made = image()
-    made.layers["direct"][2, 3, 1] = bad
-    with pytest.raises(InternalError, match=r"direct\.G has 1 numbers.*\(3, 2\)"):
-        output.write_image(str(tmp_path / f"a{suffix}"), made, display_transform(ColorOptions()))
+    made = new_images()
+    made["layers"]["direct"][2, 3, 1] = bad
+    with pytest.raises(InternalError, match=r"direct\.G .*not finite.*\(3, 2\)"):
+        write(tmp_path / f"a{suffix}", made)
     assert names(tmp_path) == []
 
 
 def test_depth_that_is_nan_is_not_taken_for_empty(tmp_path: Path) -> None:
-    made = image()
-    made.depth[1, 1] = np.nan
+    made = new_images()
+    made["depth"][1, 1] = np.nan
     with pytest.raises(InternalError, match="channel Z"):
-        output.write_exr(str(tmp_path / "a.exr"), made)
+        write(tmp_path / "a.exr", made)
 
 
 def read_png(path: Path) -> np.ndarray:
@@ -160,47 +130,52 @@ def read_png(path: Path) -> np.ndarray:
     return pixels
 
 
-def flat(rgb: tuple[float, float, float], alpha: float) -> Image:
+def flat(rgb: tuple[float, float, float], alpha: float) -> Images:
     """One premultiplied colour."""
     composite = np.full((2, 2, 3), rgb, dtype=np.float32)
     plane = np.zeros((2, 2), dtype=np.float32)
-    return Image({"direct": composite}, composite, plane + np.float32(alpha), plane, composite * 0)
+    return {
+        "layers": {"direct": composite},
+        "composite": composite,
+        "alpha": plane + np.float32(alpha),
+        "depth": plane,
+        "normal": composite * 0,
+    }
 
 
 @pytest.mark.parametrize("linear", [0.0, 0.001, 0.0031308, 0.18, 0.5, 0.9, 1.0])
 def test_png_is_srgb(tmp_path: Path, linear: float) -> None:
     path = tmp_path / "a.png"
-    output.write_png(str(path), flat((linear, linear / 2, 0), 1), display_transform(ColorOptions()))
+    write(path, flat((linear, linear / 2, 0), 1))
     expected = srgb(np.array([linear, linear / 2, 0])) * 255
     assert read_png(path)[0, 0, :3] == pytest.approx(expected, abs=0.5001)
     assert read_png(path)[0, 0, 3] == 255
 
 
 def test_png_clips_without_a_tone_map(tmp_path: Path) -> None:
-    output.write_png(str(tmp_path / "a.png"), flat((40, 0.18, -1), 1), display_transform(ColorOptions()))
+    write(tmp_path / "a.png", flat((40, 0.18, -1), 1))
     assert list(read_png(tmp_path / "a.png")[0, 0]) == [255, 118, 0, 255]
 
 
 def test_png_has_unassociated_alpha(tmp_path: Path) -> None:
-    output.write_png(str(tmp_path / "a.png"), flat((0.25, 0, 0), 0.5), display_transform(ColorOptions()))
+    write(tmp_path / "a.png", flat((0.25, 0, 0), 0.5))
     pixel = read_png(tmp_path / "a.png")[0, 0]
     assert list(pixel[1:]) == [0, 0, 128]
     assert pixel[0] == pytest.approx(srgb(np.array(0.5)) * 255, abs=0.5001)
 
 
 def test_png_keeps_light_without_coverage(tmp_path: Path) -> None:
-    output.write_png(str(tmp_path / "a.png"), flat((0.18, 0.18, 0.18), 0), display_transform(ColorOptions()))
+    write(tmp_path / "a.png", flat((0.18, 0.18, 0.18), 0))
     assert list(read_png(tmp_path / "a.png")[0, 0]) == [118, 118, 118, 0]
 
 
 def test_png_disabled_correction_is_linear(tmp_path: Path) -> None:
-    transform = display_transform(ColorOptions("disabled"))
-    output.write_png(str(tmp_path / "a.png"), flat((0.5, 0.25, 1), 1), transform)
+    write(tmp_path / "a.png", flat((0.5, 0.25, 1), 1), color=ColorOptions("disabled"))
     assert list(read_png(tmp_path / "a.png")[0, 0]) == [128, 64, 255, 255]
 
 
 def test_png_says_how_it_was_made(tmp_path: Path) -> None:
-    output.write_png(str(tmp_path / "a.png"), image(), display_transform(ColorOptions()))
+    write(tmp_path / "a.png", new_images())
     file = oiio.ImageInput.open(str(tmp_path / "a.png"))
     assert file.spec().getattribute("encore:method") == "reuse"
     assert file.spec().getattribute("encore:display").endswith("sRGB - Display, Un-tone-mapped")
@@ -300,43 +275,20 @@ def test_a_full_disk_is_an_output_error_and_leaves_nothing(tmp_path: Path) -> No
     assert names(tmp_path) == []
 
 
-WRITE_WITH_A_FILE_SIZE_LIMIT = """
-import resource, sys
-import numpy as np
-from encore.color import ColorOptions, display_transform
-from encore.errors import OutputError
-from encore.output import Image, write_image
-noise = np.random.default_rng(1).random((200, 200, 3), dtype=np.float32)
-image = Image({"direct": noise}, noise, noise[..., 0], noise[..., 0], noise)
-resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
-try:
-    write_image(sys.argv[1], image, display_transform(ColorOptions()))
-except OutputError as error:
-    print(error)
-"""
-
-
-@pytest.mark.parametrize("name", ["a.exr", "a.png"])
-def test_a_write_that_fails_half_way_is_reported_and_leaves_nothing(tmp_path: Path, name: str) -> None:
-    path = str(tmp_path / name)
-    variables = {**os.environ, "PYTHONPATH": str(Path(output.__file__).parents[1])}
-    command = [sys.executable, "-c", WRITE_WITH_A_FILE_SIZE_LIMIT, path]
-    done = subprocess.run(command, env=variables, capture_output=True, text=True, check=True)
-    assert done.stdout.startswith(f"{path}: cannot be written")
-    assert names(tmp_path) == []
-
-
-def test_images_are_written_side_by_side(tmp_path: Path) -> None:
-    transform = display_transform(ColorOptions())
-    threads = [
-        threading.Thread(target=output.write_image, args=(str(tmp_path / name), image(), transform))
-        for name in ("a.exr", "a.png")
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert names(tmp_path) == ["a.exr", "a.png"]
+def test_files_made_side_by_side_keep_the_permissions_of_others(tmp_path: Path) -> None:
+    mask = os.umask(0o027)
+    try:
+        threads = [
+            threading.Thread(target=output.write_text, args=(str(tmp_path / f"{i}.txt"), "text"))
+            for i in range(16)
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        assert os.umask(mask) == 0o027
+    assert {path.stat().st_mode & 0o777 for path in tmp_path.iterdir()} == {0o640}
 
 
 @pytest.mark.parametrize("name", ["a.jpg", "a.tif", "a", "exr", "a.exr.gz"])

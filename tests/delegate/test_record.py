@@ -12,7 +12,7 @@ import numpy as np
 import OpenEXR
 import OpenImageIO as oiio
 import pytest
-from encore import cli
+from encore import cli, exr_file
 from encore.errors import ExitCode
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
 
@@ -162,6 +162,38 @@ def test_frames_show_their_own_time_and_leave_no_other_files(tmp_path: Path) -> 
     assert len(document["frames"]) == 2
     assert document["antialiasing_samples"] == 2 * 32 * 16 * 4
     assert document["time_s"]["total"] > 0
+
+
+def test_tiled_files_hold_the_same_pixels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = new_stage(tmp_path)
+    bind(stage, diffuseColor=(0.5, 0.25, 0.125), roughness=0.1)
+    UsdLux.RectLight.Define(stage, "/Lamp").AddTranslateOp().Set((0, 0, -1))
+    stage.Save()
+    flags = ("-w", "100", "--imageHeight", "70", "--reuseTile", "32", "--debugAovs")
+    assert record(tmp_path, "scanlines.exr", *flags) == ExitCode.OK
+    monkeypatch.setattr(exr_file, "BAND_BYTES", 0)
+    assert record(tmp_path, "tiles.exr", *flags) == ExitCode.OK
+    (scanlines, expected), (tiles, found) = (read_exr(tmp_path / f"{n}.exr") for n in ("scanlines", "tiles"))
+    assert (scanlines["type"], tiles["type"]) == (OpenEXR.scanlineimage, OpenEXR.tiledimage)
+    assert {"direct_debug.evaluations", "reflection_debug.distance", "direct_id.R"} <= set(expected)
+    assert set(found) == set(expected)
+    for name, pixels in expected.items():
+        assert np.array_equal(found[name], pixels), name
+
+
+def test_prims_are_shaded_at_their_rates(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path)
+    rate = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/Card")).CreatePrimvar(
+        "encore:shadingRate", Sdf.ValueTypeNames.Float
+    )
+    flags = ("-w", "64", "--imageHeight", "64", "--stats", str(tmp_path / "s.json"))
+    for asked in (0.25, 1.0, 8.0):
+        rate.Set(asked)
+        stage.Save()
+        assert record(tmp_path, "a.exr", *flags) == ExitCode.OK
+        layer = json.loads((tmp_path / "s.json").read_text())["layers"]["direct"]
+        seeds = layer["shading_evaluations"] - layer["reshading_evaluations"]
+        assert seeds / 64**2 == pytest.approx(asked, rel=0.05)
 
 
 def test_reference_and_disable_gpu(tmp_path: Path) -> None:

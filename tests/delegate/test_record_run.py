@@ -10,8 +10,9 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 from encore import cli, record
-from encore.errors import Cancelled, ExitCode, OutputError, SettingError, StageError
-from encore.output import Image
+from encore.errors import Cancelled, ExitCode, SettingError, StageError
+from encore.image_file import ImageInfo
+from encore.image_writer import ImageWriter
 from encore.render_pass import RenderedFrame
 from encore.report import Reports
 from pxr import Usd, UsdGeom
@@ -41,7 +42,7 @@ class Device:
 
 
 class StandInPass:
-    """Makes a grey image instead of rendering. `before` is called with the label; it may raise."""
+    """Writes a grey image instead of rendering. `before` is called with the label; it may raise."""
 
     before: Any = None
     time_codes: ClassVar[list[Usd.TimeCode]] = []
@@ -52,19 +53,23 @@ class StandInPass:
         type(self).settings, type(self).options = dict(settings), dict(options)
         self.time_codes.clear()
 
-    def render(self, time_code: Usd.TimeCode, label: str, progress: Any) -> RenderedFrame:
+    def render(
+        self, time_code: Usd.TimeCode, label: str, output: str, transform: Any, progress: Any
+    ) -> RenderedFrame:
         self.time_codes.append(time_code)
         if StandInPass.before:
             StandInPass.before(label)
-        for done in (0.0, 0.5, 1.0):
-            if not progress(done, "render"):
-                raise Cancelled
         colour = np.full((2, 3, 3), 0.25, dtype=np.float32)
         plane = np.ones((2, 3), dtype=np.float32)
-        image = Image({"direct": colour}, colour, plane, plane, colour, header={"encore:frame": label})
+        images = {"layers": {"direct": colour}, "composite": colour, "alpha": plane, "depth": plane}
+        with ImageWriter(output, ImageInfo(3, 2, 16, {"encore:frame": label}), transform) as writer:
+            writer.add(0, 0, {**images, "normal": colour})
+            for done in (0.0, 0.5, 1.0):
+                if not progress(done, "render"):
+                    raise Cancelled
         reports = Reports()
         reports.error("missing texture", "wood.png does not exist", "/World/Table")
-        return RenderedFrame(image, STATISTICS, reports, "/Cam", 0.125)
+        return RenderedFrame(STATISTICS, reports, "/Cam", 0.125, writer.busy_s)
 
 
 @pytest.fixture
@@ -153,13 +158,16 @@ def test_an_unexpected_error_is_internal_and_leaves_nothing(
 
 
 def test_a_write_that_fails_is_an_output_error(
-    stage: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    stage: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fail(*arguments: Any) -> None:
-        raise OutputError("cannot be written (No space left on device)", "a.exr")
+    class FullDisk:
+        def add(self, *arguments: Any) -> None:
+            raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(record, "write_image", fail)
+    monkeypatch.setattr(ImageWriter, "_open", lambda *arguments: FullDisk())
     assert run(stage, "a.exr") == ExitCode.OUTPUT
+    assert "No space left on device" in capsys.readouterr().err
+    assert names(tmp_path / "out") == []
 
 
 def test_statistics(stage: str, tmp_path: Path) -> None:
@@ -208,6 +216,13 @@ def test_colour_correction_of_exr_is_refused_in_words(stage: str, capsys: pytest
     assert "EXR stays scene-linear" in capsys.readouterr().err
     assert run(stage, "a.exr") == ExitCode.OK
     assert "EXR stays scene-linear" not in capsys.readouterr().err
+
+
+def test_debug_aovs_of_png_are_refused_in_words(stage: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(stage, "a.png", "--debugAovs") == ExitCode.OK
+    assert "--debugAovs: PNG holds only the composite" in capsys.readouterr().err
+    assert run(stage, "a.exr", "--debugAovs") == ExitCode.OK
+    assert "--debugAovs" not in capsys.readouterr().err
 
 
 def test_render_settings_of_the_stage_are_said_to_be_unused(

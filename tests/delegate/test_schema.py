@@ -12,6 +12,7 @@ from encore import schema
 from pxr import Sdf
 
 PACKAGE_PARENT = str(Path(encore.__file__).parents[1])
+NAMES = {schema.TARGET_EDGE_LENGTH, schema.SHADING_RATE, *schema.LAYER_SHADING_RATES}
 SOURCE = Path(__file__).parents[2] / "schemas" / "schema.usda"
 
 
@@ -61,10 +62,12 @@ def test_registry_knows_properties_fallbacks_and_documentation() -> None:
             " for n, a in zip(names, attributes)}))"
         )
     )
-    assert set(found) == {schema.TARGET_EDGE_LENGTH, schema.SHADING_RATE}
+    assert set(found) == NAMES
     assert all(kind == "float" and fallback == 0 for kind, fallback, _ in found.values())
     assert "world units" in found[schema.TARGET_EDGE_LENGTH][2]
     assert "per pixel" in found[schema.SHADING_RATE][2]
+    for name in schema.LAYER_SHADING_RATES:
+        assert f"{name.rpartition(':')[2]} layer" in found[name][2]
 
 
 def test_plugin_path_variable_does_the_same_without_importing_encore() -> None:
@@ -88,6 +91,7 @@ def test_validation_is_clean_with_it_and_not_blind() -> None:
         VALIDATE + STAGE + "prim.ApplyAPI('EncorePrimvarsAPI')\n"
         "prim.GetAttribute('primvars:encore:targetEdgeLength').Set(0.25)\n"
         "prim.GetAttribute('primvars:encore:shadingRate').Set(4)\n"
+        "prim.GetAttribute('primvars:encore:shadingRate:reflection').Set(1)\n"
         "print(len(errors()), errors())\n"
         "from pxr import Sdf\n"
         "spec = Sdf.CreatePrimInLayer(stage.GetRootLayer(), '/World/Cube')\n"
@@ -131,4 +135,10 @@ def test_generated_schema_is_made_of_the_source() -> None:
         }
 
     assert facts(source) == facts(made)
-    assert set(facts(made)) == {schema.TARGET_EDGE_LENGTH, schema.SHADING_RATE}
+    assert set(facts(made)) == NAMES
+
+
+def test_names_are_those_that_the_translation_reads() -> None:
+    from encore.adapters.primvars import SHADING_RATES, TARGET_EDGE_LENGTH
+
+    assert {f"primvars:{name}" for name in (*SHADING_RATES, TARGET_EDGE_LENGTH)} == NAMES

@@ -33,11 +33,12 @@ def core_refuses(key: str, value: Any) -> bool:
 
 @pytest.mark.parametrize("setting", [s for s in NUMERIC if s.kind != "size"], ids=lambda s: s.key)
 def test_ranges_are_those_of_the_core(setting: Setting) -> None:
-    step = setting.multiple_of or (1 if setting.kind == "int" else 1e-3)
-    for bound, outwards in ((setting.minimum, -step), (setting.above, 0), (setting.maximum, step)):
+    for bound, outwards in ((setting.minimum, -1), (setting.above, 0), (setting.maximum, 1)):
         if bound is None:
             continue
-        outside = bound + outwards
+        # Far enough for the core's single precision.
+        step = setting.multiple_of or (1 if setting.kind == "int" else max(1e-3, 1e-3 * abs(bound)))
+        outside = bound + outwards * step
         with pytest.raises(SettingError, match=setting.flag):
             setting.check(outside)
         if not (setting.kind == "int" and (outside < 0 or outside > 2**32 - 1)):  # no such number in the core
@@ -55,7 +56,7 @@ def test_numbers_that_are_not_finite_are_out_of_range(value: float) -> None:
 
 
 def test_names_of_choices_are_those_of_the_core() -> None:
-    for key in ("method", "filter"):
+    for key in (s.key for s in SETTINGS.values() if s.kind == "choice"):
         for choice in SETTINGS[key].choices:
             assert not core_refuses(key, choice)
         assert core_refuses(key, "no such thing")
@@ -74,10 +75,23 @@ def test_resolve_puts_given_values_over_defaults() -> None:
     assert set(settings) == set(SETTINGS)
 
 
-@pytest.mark.parametrize("method", ["decoupled", "decoupled-pixel", "vertex"])
-def test_methods_to_come_are_refused_and_the_others_named(method: str) -> None:
-    with pytest.raises(UsageError, match=r"not supported yet.*reuse, reference"):
-        resolve({"method": method})
+@pytest.mark.parametrize("search", ["groups", "cells"])
+def test_searches_that_do_not_know_the_metric_are_refused_with_it(search: str) -> None:
+    resolve({"search": search, "footprint_reuse": "octaves"})
+    for able in ("auto", "tree"):
+        resolve({"search": able, "footprint_reuse": "metric"})
+    with pytest.raises(SettingError, match=r"--search: .*--footprintReuse metric.* auto or tree"):
+        resolve({"search": search, "footprint_reuse": "metric"})
+    core = pytest.importorskip("encore._core")
+    with pytest.raises(core.Error) as caught:
+        core.render(core.Scene(), {"search": search, "footprint_reuse": "metric"})
+    assert (caught.value.kind, caught.value.where) == ("setting", "search")
+
+
+def test_an_unknown_choice_names_all_that_there_are() -> None:
+    for setting in (s for s in SETTINGS.values() if s.kind == "choice"):
+        with pytest.raises(UsageError, match=f"{setting.flag}.*{', '.join(setting.choices)}"):
+            resolve({setting.key: "sinc"})
 
 
 @pytest.mark.parametrize(

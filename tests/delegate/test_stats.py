@@ -10,7 +10,7 @@ from encore import stats
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-def core(shading: int, reflection: int | None = None) -> dict[str, Any]:
+def core(shading: int, reflection: int | None = None, search: str = "groups") -> dict[str, Any]:
     """What encore._core.render() returns as statistics."""
 
     def layer(count: int) -> dict[str, Any]:
@@ -23,6 +23,7 @@ def core(shading: int, reflection: int | None = None) -> dict[str, Any]:
             "shade_s": 0.5,
             "reuse_s": 0.125,
             "film_s": 0.0625,
+            "search": search,
         }
 
     layers = {"direct": layer(shading)}
@@ -125,7 +126,28 @@ def test_several_frames_add_up_and_peaks_are_the_largest() -> None:
     assert total["layers"]["reflection"]["shading_evaluations_per_pixel"] == 0.5
     assert total["layers"]["direct"]["time_s"]["shade"] == 1
     assert total["warnings"] == {"clamped": 4, "odd": 2}
+    assert total["device_peak_bytes"] == 100
+    assert total["non_finite_samples"] == 0
     assert [frame["frame"] for frame in total["frames"]] == ["7", "7"]
+
+
+def test_how_layers_were_searched() -> None:
+    assert entry(shading=10)["layers"]["direct"]["search"] == "groups"
+    several = document(*(entry(shading=10, search=name) for name in ("tree", "cells", "tree")))
+    assert several["layers"]["direct"]["search"] == "tree, cells"
+
+
+def test_counters_that_core_may_add_are_passed_on() -> None:
+    def with_more(rays: int, share: int) -> dict[str, Any]:
+        made = core(shading=10)
+        made["seed_rays"] = rays
+        made["layers"]["direct"]["seeds"] = share
+        return stats.frame_statistics(
+            made, frame="1", output="a", camera="", sync_s=0, write_s=0, total_s=0, warnings={}
+        )
+
+    total = document(with_more(7, 3), with_more(5, 2))
+    assert (total["seed_rays"], total["layers"]["direct"]["seeds"]) == (12, 5)
 
 
 def test_the_file_is_json_and_whole(tmp_path: Path) -> None:

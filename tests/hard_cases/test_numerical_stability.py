@@ -5,10 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pxr import Gf, UsdGeom, UsdLux
-from rendering import add_camera, add_dome, add_material, add_mesh, add_plane, new_stage, render
+from rendering import (
+    CUBE,
+    CUBE_FACES,
+    add_camera,
+    add_dome,
+    add_material,
+    add_mesh,
+    add_plane,
+    new_stage,
+    render,
+    total,
+)
 
-CUBE = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
-CUBE_FACES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
 SETTINGS = {"samples": 3, "occlusion_samples": 8, "light_samples": 4}
 
 
@@ -43,6 +52,30 @@ def test_scale_does_not_matter(plain: np.ndarray, scale: float) -> None:
     assert result["statistics"]["non_finite_samples"] == 0
     difference = np.abs(result["composite"] - plain).mean()
     assert difference < 0.004 * plain.mean()
+
+
+# What depends on footprints, distances or extents must not depend on the unit of length.
+CONTROLS = [
+    {"footprint_reuse": "metric"},
+    {"footprint_reuse": "octaves"},
+    {"max_reuse_distance": 1.0},
+    {"world_space_parameters": True},
+    {"search": "cells"},
+    {"search": "groups"},
+    {"method": "decoupled"},
+    {"method": "vertex"},
+]
+
+
+@pytest.mark.parametrize("control", CONTROLS, ids=str)
+def test_scale_does_not_matter_to_controls(control: dict) -> None:
+    unit = render(scene(), 48, 48, **SETTINGS, **control)
+    for scale in (1e-5, 1e6):
+        result = render(scene(scale), 48, 48, **SETTINGS, **control)
+        assert result["statistics"]["non_finite_samples"] == 0
+        assert np.abs(result["composite"] - unit["composite"]).mean() < 0.004 * unit["composite"].mean()
+        shades = total(result, "shading_evaluations"), total(unit, "shading_evaluations")
+        assert abs(shades[0] / shades[1] - 1) < 0.01
 
 
 @pytest.mark.parametrize("offset", [(1e4, 0, 0), (-3e5, 2e5, 1e5), (1e7, 1e7, -1e7)])

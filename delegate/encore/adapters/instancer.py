@@ -13,17 +13,22 @@ import numpy.typing as npt
 from pxr import Usd, UsdGeom, UsdShade
 
 from encore.adapters.context import SyncContext, to_matrix
+from encore.adapters.shading_rate import RateArray, read_point_rates, says_rate
 
 Matrices = npt.NDArray[np.float64]  # (n, 4, 4), row vectors
 
 
 @dataclass(frozen=True)
 class PointPlacements:
-    """Where a PointInstancer puts one of its prototypes, in the instancer's space. ids: per instance."""
+    """Where a PointInstancer puts one of its prototypes, in the instancer's space.
+
+    ids: per instance, and so are rates, where the instancer says some.
+    """
 
     root: Usd.Prim
     matrices: Matrices
     ids: npt.NDArray[np.int64]
+    rates: RateArray | None
 
 
 def read_point_instancer(instancer: UsdGeom.PointInstancer, context: SyncContext) -> list[PointPlacements]:
@@ -52,6 +57,7 @@ def read_point_instancer(instancer: UsdGeom.PointInstancer, context: SyncContext
     ids = np.asarray(instancer.GetIdsAttr().Get(time) or (), dtype=np.int64)
     if len(ids) != len(proto_indices):
         ids = np.arange(len(proto_indices), dtype=np.int64)
+    rates = read_point_rates(instancer.GetPrim(), len(proto_indices), context)
     usable = _usable(instancer, proto_indices, matrices, len(targets), context)
     placements = []
     for index, target in enumerate(targets):
@@ -61,7 +67,10 @@ def read_point_instancer(instancer: UsdGeom.PointInstancer, context: SyncContext
             reports.error("missing prototype", f"prototype {target} does not exist", path)
         elif chosen.any():
             local = UsdGeom.XformCache(time).GetLocalTransformation(root)[0]
-            placements.append(PointPlacements(root, to_matrix(local) @ matrices[chosen], ids[chosen]))
+            chosen_rates = None if rates is None else rates[chosen]
+            placements.append(
+                PointPlacements(root, to_matrix(local) @ matrices[chosen], ids[chosen], chosen_rates)
+            )
     return placements
 
 
@@ -113,10 +122,12 @@ class PrototypeTraits:
 
     binds: a material is bound inside, so that what instances inherit may matter per mesh.
     resets: a transform inside ignores the instance's, so that nothing can be shared.
+    rates: a shading rate is authored inside, which wins over those that the instance inherits.
     """
 
     binds: bool
     resets: bool
+    rates: bool
 
 
 class PrototypeScanner:
@@ -133,6 +144,9 @@ class PrototypeScanner:
 
     def _scan(self, prototype: Usd.Prim) -> PrototypeTraits:
         binds = resets = False
+        # Prototypes of PointInstancers may be below an `over`.
+        everything = Usd.PrimRange(prototype, Usd.PrimAllPrimsPredicate)
+        rates = any(says_rate(prim) for prim in everything if prim != prototype)
         for prim in Usd.PrimRange(prototype):
             if prim == prototype:
                 continue
@@ -142,4 +156,5 @@ class PrototypeScanner:
             if prim.IsInstance():
                 nested = self.traits(prim.GetPrototype())
                 binds, resets = binds or nested.binds, resets or nested.resets
-        return PrototypeTraits(binds, resets)
+                rates = rates or nested.rates
+        return PrototypeTraits(binds, resets, rates)

@@ -12,7 +12,6 @@ from pxr import Sdf, Usd, UsdGeom
 
 from encore.adapters.context import Matrix, SyncContext
 from encore.adapters.primvars import (
-    SHADING_RATE,
     TARGET_EDGE_LENGTH,
     ElementCounts,
     FloatArray,
@@ -23,6 +22,7 @@ from encore.adapters.primvars import (
     read_number,
     read_primvar,
 )
+from encore.adapters.shading_rate import NO_RATES, Rates, read_rates
 
 _NO_INTS: IntArray = np.empty(0, np.int32)
 _NO_FLOATS: FloatArray = np.empty(0, np.float32)
@@ -55,7 +55,7 @@ class MeshData:
     display_color: Primvar | None = None
     texcoords: Mapping[str, Primvar] = field(default_factory=dict)
     target_edge_length_world: float = 0.0
-    shading_rate: float = 0.0
+    shading_rate: Rates = NO_RATES
 
     @property
     def face_count(self) -> int:
@@ -125,7 +125,7 @@ def read_mesh(
         display_color=read_color(primvars, counts, path, context) if with_color else None,
         texcoords=read_texcoords(primvars, texcoord_names, counts, path, context),
         target_edge_length_world=read_edge_length(primvars, path, context),
-        shading_rate=read_number(primvars, SHADING_RATE, path, context),
+        shading_rate=read_rates(primvars, context),
     )
     if data.scheme == UsdGeom.Tokens.none:
         data.normals = _read_normals(mesh, get("normals"), primvars, counts, context)

@@ -16,9 +16,14 @@ FloatArray = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int32]
 
 TARGET_EDGE_LENGTH = "encore:targetEdgeLength"
+# For all layers; then for one each, in core's order of layers. These win over the first, where above 0.
 SHADING_RATE = "encore:shadingRate"
+SHADING_RATES = (
+    SHADING_RATE,
+    *(f"{SHADING_RATE}:{layer}" for layer in ("direct", "reflection", "refraction")),
+)
 # What instances pass down to the meshes of their prototype; texture coordinates as well.
-INHERITED = ("displayColor", "displayOpacity", TARGET_EDGE_LENGTH, SHADING_RATE)
+INHERITED = ("displayColor", "displayOpacity", TARGET_EDGE_LENGTH, *SHADING_RATES)
 
 _TEXCOORD_TYPES = frozenset(
     str(t)
@@ -79,7 +84,7 @@ def read_primvar(
         return None
     name = str(primvar.GetPrimvarName())
     if primvar.GetElementSize() != 1:
-        _reject(name, path, context, f"elementSize {primvar.GetElementSize()} is not supported")
+        reject(name, path, context, f"elementSize {primvar.GetElementSize()} is not supported")
         return None
     indices = None
     if primvar.IsIndexed():
@@ -101,24 +106,24 @@ def make_primvar(
     try:
         values = np.ascontiguousarray(np.asarray(value, dtype=np.float32).reshape(-1, width))
     except (TypeError, ValueError):
-        _reject(name, path, context, f"a value of {width} floats per element is needed")
+        reject(name, path, context, f"a value of {width} floats per element is needed")
         return None
     if values.size == 0:
         return None
     if not np.isfinite(values).all():
-        _reject(name, path, context, "it holds infinite or NaN values")
+        reject(name, path, context, "it holds infinite or NaN values")
         return None
     expected = counts.of(interpolation)
     if indices is not None:
         if indices.size != expected:
-            _reject(name, path, context, _sizes(f"{indices.size} indices", interpolation, expected))
+            reject(name, path, context, _sizes(f"{indices.size} indices", interpolation, expected))
             return None
         if indices.size and (indices.min() < 0 or indices.max() >= len(values)):
-            _reject(name, path, context, f"an index is out of range: there are {len(values)} values")
+            reject(name, path, context, f"an index is out of range: there are {len(values)} values")
             return None
         return Primvar(interpolation, values, indices)
     if len(values) < expected:
-        _reject(name, path, context, _sizes(f"{len(values)} values", interpolation, expected))
+        reject(name, path, context, _sizes(f"{len(values)} values", interpolation, expected))
         return None
     if len(values) > expected:
         found = _sizes(f"{len(values)} values", interpolation, expected)
@@ -141,7 +146,7 @@ def read_number(
     except (TypeError, ValueError, IndexError):
         number = np.nan
     if not np.isfinite(number) or number < 0:
-        _reject(name, path, context, f"its value is {value}, not a finite number of at least 0")
+        reject(name, path, context, f"its value is {value}, not a finite number of at least 0")
         return 0.0
     return number
 
@@ -162,5 +167,6 @@ def _sizes(found: str, interpolation: str, expected: int) -> str:
     return f"{found}, but {interpolation} interpolation asks for {expected}"
 
 
-def _reject(name: str, path: Sdf.Path, context: SyncContext, why: str) -> None:
+def reject(name: str, path: Sdf.Path, context: SyncContext, why: str) -> None:
+    """Reports a primvar that is not used. path: of the prim."""
     context.reports.error(f"bad primvar {name}", f"primvar {name} is ignored: {why}", path)

@@ -6,27 +6,31 @@
 #include <vector>
 
 #include "core/reuse/reuse.h"
+#include "tests/core/twins/footprint_twin.h"
 #include "tests/core/twins/trees_twin.h"
 
 namespace encore::twin {
 
 class NearestNeighbour {
  public:
-  explicit NearestNeighbour(const Samples& samples) : samples_(samples) {
+  // footprint_weight: c of the metric of §2.4; 0: distances in (u, v).
+  explicit NearestNeighbour(const Samples& samples, float footprint_weight = 0)
+      : samples_(samples), weight_(footprint_weight) {
     for (uint32_t id = 0; id < samples.keys.size(); ++id) ids_[pairOf(samples.keys[id])].push_back(id);
   }
 
-  uint32_t find(SurfaceKey key, Vec2f uv) const {
+  uint32_t find(SurfaceKey key, Vec2f uv, float footprint = 1) const {
     if (key.instance == kNoInstance) return kShadeNone;
     const auto found = ids_.find(pairOf(key));
     if (found == ids_.end()) return kShadeNotFound;
     const Vec2f q = inUnitSquare(uv);
-    float best = 3;
+    float best = 0x1p101f;
     uint32_t best_id = kShadeNotFound;
     for (const uint32_t id : found->second) {  // ascending: the first of several is the lowest
       const Vec2f p = inUnitSquare(samples_.uv[id]);
       const float du = q.x - p.x, dv = q.y - p.y;
-      const float squared = du * du + dv * dv;
+      float squared = du * du + dv * dv;
+      if (weight_ > 0) squared += footprintPart(footprint, samples_.footprints[id], weight_);
       if (squared < best) {
         best = squared;
         best_id = id;
@@ -37,6 +41,7 @@ class NearestNeighbour {
 
  private:
   const Samples& samples_;
+  float weight_;
   std::map<std::pair<uint32_t, uint32_t>, std::vector<uint32_t>> ids_;
 };
 

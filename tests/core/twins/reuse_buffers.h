@@ -6,7 +6,11 @@
 #include <string_view>
 #include <vector>
 
+#include "core/reuse/key_table.h"
+#include "core/reuse/radix_sort.h"
 #include "core/reuse/reuse.h"
+#include "core/reuse/scan.h"
+#include "core/reuse/trees.h"
 #include "core/vulkan/device.h"
 #include "tests/core/twins/trees_twin.h"
 
@@ -31,6 +35,7 @@ inline ShadingSamples uploadShading(Device& device, const Samples& samples) {
   uploaded.count = uint32_t(samples.keys.size());
   uploaded.key = upload(device, samples.keys, "key");
   uploaded.uv = upload(device, samples.uv, "uv");
+  uploaded.footprint = upload(device, samples.footprints, "footprint");
   return uploaded;
 }
 
@@ -40,8 +45,26 @@ inline AaSamples uploadAa(Device& device, const Samples& samples, uint32_t sampl
   uploaded.samples_per_pixel = samples_per_pixel;
   uploaded.key = upload(device, samples.keys, "key");
   uploaded.uv = upload(device, samples.uv, "uv");
+  uploaded.footprint = upload(device, samples.footprints, "footprint");
   uploaded.shade = {device, samples.keys.size(), "shade"};
   return uploaded;
 }
+
+// What builds trees, without what else ReuseKernels holds.
+struct TreeKernels {
+  explicit TreeKernels(Device& device)
+      : scan(device), sort(device, scan), table(device), builder(device, scan, sort, table) {}
+
+  Trees build(const ShadingSamples& samples, float footprint_weight = 0) {
+    Trees trees;
+    builder.build(samples, trees, footprint_weight);
+    return trees;
+  }
+
+  Scan scan;
+  RadixSort sort;
+  encore::KeyTable table;
+  TreeBuilder builder;
+};
 
 }  // namespace encore::twin

@@ -19,6 +19,11 @@ struct Cloud {
   Samples samples;
 };
 
+// How footprints are given to samples.
+enum class Footprints { kEqual, kSmooth, kTwoSizes, kFewLarge, kWide, kOdd };
+inline constexpr Footprints kAllFootprints[] = {Footprints::kEqual,    Footprints::kSmooth, Footprints::kTwoSizes,
+                                                Footprints::kFewLarge, Footprints::kWide,   Footprints::kOdd};
+
 class CloudMaker {
  public:
   explicit CloudMaker(uint32_t seed) : random_(seed) {}
@@ -41,6 +46,12 @@ class CloudMaker {
     return cloud;
   }
 
+  // Equal; growing over the primitive; two sizes a factor of 64 apart, half and half or 1 in 100; from 2^-40 to 2^10;
+  // at and beyond the ends of the range, and no numbers.
+  void giveFootprints(Samples& samples, Footprints kind) {
+    for (size_t i = 0; i < samples.keys.size(); ++i) samples.footprints[i] = footprint(kind, samples.uv[i]);
+  }
+
   // f(i) gives the place of sample i of `count`.
   template <class F>
   Cloud placed(const std::string& name, uint32_t count, F&& f) {
@@ -52,24 +63,59 @@ class CloudMaker {
   std::vector<Cloud> hardShapes(uint32_t count) {
     const auto cube = [](float x) { return x * x * x; };
     return {
-        placed("all at one point", count, [](uint32_t) { return Vec2f{0.3f, 0.7f}; }),
-        placed("all at one corner", count, [](uint32_t) { return Vec2f{1, 0}; }),
-        placed("line of constant u", count, [&](uint32_t) { return Vec2f{0.25f, unit()}; }),
-        placed("line of constant v", count, [&](uint32_t) { return Vec2f{unit(), 0.75f}; }),
+        placed("all at one point", count,
+               [](uint32_t) {
+                 return Vec2f{0.3f, 0.7f};
+               }),
+        placed("all at one corner", count,
+               [](uint32_t) {
+                 return Vec2f{1, 0};
+               }),
+        placed("line of constant u", count,
+               [&](uint32_t) {
+                 return Vec2f{0.25f, unit()};
+               }),
+        placed("line of constant v", count,
+               [&](uint32_t) {
+                 return Vec2f{unit(), 0.75f};
+               }),
         placed("diagonal", count,
                [&](uint32_t) {
                  const float t = unit();
                  return Vec2f{t, t};
                }),
-        placed("cross", count, [&](uint32_t i) { return i % 2 ? Vec2f{0.5f, unit()} : Vec2f{unit(), 0.5f}; }),
-        placed("borders", count, [&](uint32_t) { return Vec2f{float(below(2)), float(below(3)) / 2}; }),
+        placed("cross", count,
+               [&](uint32_t i) {
+                 return i % 2 ? Vec2f{0.5f, unit()} : Vec2f{unit(), 0.5f};
+               }),
+        placed("borders", count,
+               [&](uint32_t) {
+                 return Vec2f{float(below(2)), float(below(3)) / 2};
+               }),
         placed("border lines", count,
-               [&](uint32_t i) { return i % 2 ? Vec2f{float(below(2)), unit()} : Vec2f{unit(), float(below(2))}; }),
-        placed("uneven", count, [&](uint32_t) { return Vec2f{cube(cube(unit())), cube(unit())}; }),
-        placed("thin", count, [&](uint32_t) { return Vec2f{unit(), unit() * 1e-5f}; }),
-        placed("tiny", count, [&](uint32_t) { return Vec2f{0.5f + unit() * 1e-6f, unit() * 1e-6f}; }),
-        placed("regular grid", count, [&](uint32_t i) { return Vec2f{float(i * 7 % 32) / 32, float(i % 31) / 32}; }),
-        placed("few places", count, [&](uint32_t) { return Vec2f{float(below(4)) / 4, float(below(5)) / 8}; }),
+               [&](uint32_t i) {
+                 return i % 2 ? Vec2f{float(below(2)), unit()} : Vec2f{unit(), float(below(2))};
+               }),
+        placed("uneven", count,
+               [&](uint32_t) {
+                 return Vec2f{cube(cube(unit())), cube(unit())};
+               }),
+        placed("thin", count,
+               [&](uint32_t) {
+                 return Vec2f{unit(), unit() * 1e-5f};
+               }),
+        placed("tiny", count,
+               [&](uint32_t) {
+                 return Vec2f{0.5f + unit() * 1e-6f, unit() * 1e-6f};
+               }),
+        placed("regular grid", count,
+               [&](uint32_t i) {
+                 return Vec2f{float(i * 7 % 32) / 32, float(i % 31) / 32};
+               }),
+        placed("few places", count,
+               [&](uint32_t) {
+                 return Vec2f{float(below(4)) / 4, float(below(5)) / 8};
+               }),
         placed("circle", count,
                [&](uint32_t) {
                  const float t = 6.2831853f * unit();
@@ -103,6 +149,7 @@ class CloudMaker {
       const size_t j = word() % (i + 1);
       std::swap(cloud.samples.keys[i], cloud.samples.keys[j]);
       std::swap(cloud.samples.uv[i], cloud.samples.uv[j]);
+      std::swap(cloud.samples.footprints[i], cloud.samples.footprints[j]);
     }
     return cloud;
   }
@@ -128,6 +175,27 @@ class CloudMaker {
   }
 
  private:
+  float footprint(Footprints kind, Vec2f at) {
+    constexpr float kNan = std::numeric_limits<float>::quiet_NaN(), kInf = std::numeric_limits<float>::infinity();
+    const float odd[] = {kNan,   -kNan,    kInf,   -kInf,  0,       -0.0f, -1,      1e-40f,
+                         1e-30f, 0x1p-60f, 1e-17f, 0.001f, 0x1p60f, 1e30f, 3.4e38f, 0x1.8p-61f};
+    switch (kind) {
+      case Footprints::kEqual:
+        return 0.01f;
+      case Footprints::kSmooth:
+        return 0.001f + 0.1f * inUnitSquare(at).x * inUnitSquare(at).y;
+      case Footprints::kTwoSizes:
+        return (below(2) ? 0.001f : 0.064f) * (1 + 0.25f * unit());
+      case Footprints::kFewLarge:
+        return (below(100) ? 0.001f : 0.064f) * (1 + 0.25f * unit());
+      case Footprints::kWide:
+        return std::exp2(50 * unit() - 40);
+      case Footprints::kOdd:
+        return odd[below(16)];
+    }
+    return 0;
+  }
+
   Vec2f queryPlace(const Samples& samples, Vec2f centre, bool coherent) {
     const uint32_t n = uint32_t(samples.keys.size());
     const uint32_t kind = below(20);

@@ -17,10 +17,12 @@ namespace encore::twin {
 struct Samples {
   std::vector<SurfaceKey> keys;
   std::vector<Vec2f> uv;
+  std::vector<float> footprints;
 
-  void add(SurfaceKey key, Vec2f at) {
+  void add(SurfaceKey key, Vec2f at, float footprint = 1) {
     keys.push_back(key);
     uv.push_back(at);
+    footprints.push_back(footprint);
   }
 };
 

@@ -1,16 +1,16 @@
-// Gathers the keys of failed samples.
+// The samples' coordinates, brought into the unit square.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "unit_square.glsl"
 
 layout(push_constant, scalar) uniform Arguments {
-  SurfaceKeys keys;
-  Words failed;
-  SurfaceKeys failed_keys;
+  Points uv;
+  Points points;
   uint count;
 };
 
 void main() {
   const uint i = invocation();
-  if (i < count) failed_keys.at[i] = keys.at[failed.at[i]];
+  if (i < count) points.at[i] = normalInUnitSquare(uv.at[i]);
 }

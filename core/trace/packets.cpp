@@ -1,0 +1,208 @@
+// The lean side of surface(): what the direct layer needs of first hits, sixteen at a time.
+#include "core/trace/packets.h"
+
+#include <time.h>
+
+#include <bit>
+
+#include "core/trace/clones.h"
+#include "core/trace/trace_impl.h"
+
+namespace encore {
+
+namespace {
+
+// What all hits on one triangle of one instance share, in world space.
+struct TriangleRecord {
+  uint32_t instance = kNoInstance, mesh = 0, triangle = 0;
+  uint32_t primitive_front = 0;  // SurfaceKey::primitive_side of the outside
+  int32_t material = 0;
+  bool degenerate = false;  // ng depends on the ray
+  bool smooth = false;
+  Vec2f uv, duv1, duv2, scale;
+  Vec3f ng;
+  Vec3f n, dn1, dn2;  // not of unit length; only where smooth
+  bool has_gradients = false;
+  ParameterGradients gradients;  // filled when first asked for
+
+  bool holds(const Hit& hit) const { return triangle == hit.triangle && mesh == hit.mesh && instance == hit.instance; }
+};
+
+// Fills the lanes of `points` whose hits lie on the record's triangle. Returns them as bits.
+ENCORE_AVX2_CLONES
+uint32_t resolveLanes(const TriangleRecord& __restrict r, const RayPacket& __restrict rays,
+                      const HitPacket& __restrict hits, SurfacePacket& __restrict points) {
+  // Read before the loop, so that it has no conditional loads.
+  const Vec3f ng = r.ng;
+  const uint32_t smooth = r.smooth ? 1 : 0, primitive_front = r.primitive_front;
+  const int32_t material = r.material;
+  uint32_t lanes = 0;
+  for (uint32_t i = 0; i < kPacketWidth; ++i) {
+    const bool match = (hits.triangle[i] == r.triangle) & (hits.mesh[i] == r.mesh) & (hits.instance[i] == r.instance);
+    lanes |= match ? 1u << i : 0u;
+    const float b1 = hits.b1[i], b2 = hits.b2[i];
+    const float dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
+    const bool back = ng.x * dx + ng.y * dy + ng.z * dz > 0;
+
+    const float raw_u = r.uv.x + (r.duv1.x * b1 + r.duv2.x * b2), raw_v = r.uv.y + (r.duv1.y * b1 + r.duv2.y * b2);
+    const float u = (raw_u < 0 ? 0 : raw_u > 1 ? 1 : raw_u) * r.scale.x;
+    const float v = (raw_v < 0 ? 0 : raw_v > 1 ? 1 : raw_v) * r.scale.y;
+
+    const float nx = r.n.x + (r.dn1.x * b1 + r.dn2.x * b2), ny = r.n.y + (r.dn1.y * b1 + r.dn2.y * b2),
+                nz = r.n.z + (r.dn1.z * b1 + r.dn2.z * b2);
+    const float size = std::sqrt(nx * nx + ny * ny + nz * nz), factor = 1 / size;
+    const bool useful =
+        (smooth != 0) & (nx * ng.x + ny * ng.y + nz * ng.z > 0) & (size <= std::numeric_limits<float>::max());
+    const float sx = useful ? nx * factor : ng.x, sy = useful ? ny * factor : ng.y, sz = useful ? nz * factor : ng.z;
+    const float ox = back ? -sx : sx, oy = back ? -sy : sy, oz = back ? -sz : sz;
+
+    points.primitive_side[i] = match ? primitive_front | uint32_t(back) : points.primitive_side[i];
+    points.material[i] = match ? material : points.material[i];
+    points.u[i] = match ? u : points.u[i], points.v[i] = match ? v : points.v[i];
+    points.nx[i] = match ? ox : points.nx[i], points.ny[i] = match ? oy : points.ny[i];
+    points.nz[i] = match ? oz : points.nz[i];
+  }
+  return lanes;
+}
+
+// Hits on triangles without a normal: the slow way.
+void resolveLane(const TraceScene& trace, const RayPacket& rays, const HitPacket& hits, uint32_t lane,
+                 SurfacePacket& points) {
+  const Vec3f direction{rays.dx[lane], rays.dy[lane], rays.dz[lane]};
+  const SurfacePoint point = trace.surface(hits.hit(lane), direction, false);
+  const Vec3f n = point.side ? -point.ns : point.ns;
+  points.primitive_side[lane] = point.key(0).primitive_side;
+  points.material[lane] = point.material;
+  points.u[lane] = point.uv.x, points.v[lane] = point.uv.y;
+  points.nx[lane] = n.x, points.ny[lane] = n.y, points.nz[lane] = n.z;
+}
+
+ENCORE_AVX2_CLONES
+uint32_t hitLanes(const HitPacket& hits) {
+  uint32_t lanes = 0;
+  for (uint32_t i = 0; i < kPacketWidth; ++i) lanes |= hits.instance[i] != kNoInstance ? 1u << i : 0u;
+  return lanes;
+}
+
+constexpr uint32_t kAllLanes = (1u << kPacketWidth) - 1;
+
+// Records of the triangles met lately: samples of neighbouring pixels share most of them.
+constexpr uint32_t kRecords = 256;
+
+uint32_t slotOf(const Hit& hit) {
+  return ((hit.triangle * 0x9e3779b1u) ^ (hit.mesh * 0x85ebca77u) ^ (hit.instance * 0xc2b2ae3du)) >> 24;
+}
+static_assert(kRecords == 1u << 8);
+
+// Processor time of this thread: what others do on the machine does not count.
+double threadSeconds() {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return double(now.tv_sec) + double(now.tv_nsec) * 1e-9;
+}
+
+}  // namespace
+
+struct PacketTracer::Impl {
+  Impl(const TraceScene& trace_, Vec3f origin_)
+      : trace(trace_), query(trace_.impl_->query(Coherence::Coherent)), records(kRecords) {
+    query.setOrigin(origin_);
+  }
+
+  TriangleRecord& record(const Hit& hit) {
+    TriangleRecord& r = records[slotOf(hit)];
+    if (!r.holds(hit)) fill(r, hit);
+    return r;
+  }
+  void fill(TriangleRecord& r, const Hit& hit) const;
+
+  const TraceScene& trace;
+  embree::Query query;
+  std::vector<TriangleRecord> records;
+};
+
+// The expressions are surface()'s, so that the results are.
+void PacketTracer::Impl::fill(TriangleRecord& r, const Hit& hit) const {
+  const TraceScene::Impl& scene = *trace.impl_;
+  const TracedInstance& instance = scene.instances[hit.instance];
+  const TracedMesh& mesh = scene.meshOf(hit);
+  const DicedMesh& diced = *mesh.diced;
+  const Corners corners(diced, hit.triangle);
+  const uint32_t primitive = diced.triangle_primitive[hit.triangle];
+  r = {};
+  r.instance = hit.instance, r.mesh = hit.mesh, r.triangle = hit.triangle;
+  r.primitive_front = (mesh.first_primitive + primitive) << 1;
+  r.material = resolveMaterial(instance, mesh, primitive);
+  r.scale = scene.parameterScale(hit.instance, mesh.first_primitive + primitive);
+  r.uv = diced.uv[corners.i0];
+  r.duv1 = diced.uv[corners.i1] - r.uv, r.duv2 = diced.uv[corners.i2] - r.uv;
+
+  const Vec3f p0 = diced.positions[corners.i0];
+  const LocalTriangle triangle(diced.positions[corners.i1] - p0, diced.positions[corners.i2] - p0);
+  const Vec3f covector = instance.to_prototype.transposedVector(triangle.normal);
+  const float covector_length = length(covector);
+  r.degenerate = !(covector_length > 0);
+  if (!r.degenerate) r.ng = covector * (1 / covector_length);
+  r.smooth = !diced.normals.empty();
+  if (!r.smooth) return;
+  const Vec3f n = diced.normals[corners.i0];
+  r.n = instance.to_prototype.transposedVector(n);
+  r.dn1 = instance.to_prototype.transposedVector(diced.normals[corners.i1] - n);
+  r.dn2 = instance.to_prototype.transposedVector(diced.normals[corners.i2] - n);
+}
+
+PacketTracer::PacketTracer(const TraceScene& trace, Vec3f origin) : impl_(std::make_unique<Impl>(trace, origin)) {}
+PacketTracer::~PacketTracer() = default;
+
+ENCORE_AVX2_CLONES
+void PacketTracer::intersect(const RayPacket& rays, uint32_t count, HitPacket& hits) {
+  embree::Query& query = impl_->query;
+  query.setRays(rays, count);
+  query.intersect(impl_->trace.impl_->top.get());
+  query.hits(hits);
+}
+
+void PacketTracer::surface(const RayPacket& rays, const HitPacket& hits, SurfacePacket& points) {
+  uint32_t left = hitLanes(hits);
+  if (left != kAllLanes) points = {};
+  while (left != 0) {
+    const uint32_t lane = uint32_t(std::countr_zero(left));
+    const TriangleRecord& record = impl_->record(hits.hit(lane));
+    if (record.degenerate) {
+      resolveLane(impl_->trace, rays, hits, lane, points);
+      left &= left - 1;
+    } else {
+      left &= ~resolveLanes(record, rays, hits, points);
+    }
+  }
+}
+
+Vec3f PacketTracer::geometricNormal(const RayPacket& rays, const HitPacket& hits, uint32_t lane) {
+  const TriangleRecord& record = impl_->record(hits.hit(lane));
+  return record.degenerate ? Vec3f{-rays.dx[lane], -rays.dy[lane], -rays.dz[lane]} : record.ng;
+}
+
+ParameterGradients PacketTracer::gradients(const HitPacket& hits, uint32_t lane) {
+  const Hit hit = hits.hit(lane);
+  TriangleRecord& record = impl_->record(hit);
+  if (record.has_gradients) return record.gradients;
+  const TraceScene::Impl& scene = *impl_->trace.impl_;
+  const DicedMesh& mesh = *scene.meshOf(hit).diced;
+  const Affine3f& m = scene.instances[hit.instance].to_world;
+  const Corners corners(mesh, hit.triangle);
+  const Vec3f p0 = mesh.positions[corners.i0];
+  record.gradients = parameterGradients(mesh, corners, m.vector(mesh.positions[corners.i1] - p0),
+                                        m.vector(mesh.positions[corners.i2] - p0), record.scale);
+  record.has_gradients = true;
+  return record.gradients;
+}
+
+double PacketTracer::rawSeconds(std::span<const RayPacket> packets) {
+  std::vector<embree::Query> queries(packets.size(), impl_->query);
+  for (size_t i = 0; i < packets.size(); ++i) queries[i].setRays(packets[i], kPacketWidth);
+  const double start = threadSeconds();
+  for (embree::Query& query : queries) query.intersect16(impl_->trace.impl_->top.get());
+  return threadSeconds() - start;
+}
+
+}  // namespace encore

@@ -1,0 +1,341 @@
+// traceAntialiasing() against the slow and obvious composition: positions, rays, hits, surface(), tracePaths().
+#include <gtest/gtest.h>
+#include <tbb/task_arena.h>
+
+#include <cstring>
+
+#include "core/path/footprint.h"
+#include "core/shade/lights.h"
+#include "path_world.h"
+
+namespace encore {
+namespace {
+
+using namespace test;
+
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+
+template <class T>
+bool sameBytes(const std::vector<T>& a, const std::vector<T>& b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0;
+}
+
+// Everything that a batch writes, filled with rubbish.
+struct Values {
+  std::vector<uint32_t> position;
+  std::vector<float> coverage, depth, footprint;
+  std::vector<Vec3f> normal, throughput;
+  std::vector<SurfaceKey> key;
+  std::vector<Vec2f> uv;
+  std::vector<FirstHit> first;
+  uint64_t on_surface = 0;
+
+  Values(size_t blocks, uint32_t per_pixel) {
+    const size_t slots = blocks * kBlockArea * per_pixel;
+    position.assign(slots, 77), coverage.assign(slots, -3), footprint.assign(slots, -3);
+    depth.assign(blocks * kBlockArea, -3);
+    normal.assign(slots, {9, 9, 9}), throughput.assign(slots, {9, 9, 9});
+    key.assign(slots, {123, 456}), uv.assign(slots, {9, 9});
+    first.assign(slots, {{}, 9, 9, 9, 9});
+  }
+  SharedOutputs shared() { return {position, coverage, normal, depth}; }
+  SampleOutputs direct() { return {key, uv, throughput, footprint}; }
+};
+
+std::vector<BlockOrigin> blocksOf(const Settings& settings) {
+  std::vector<BlockOrigin> blocks;
+  for (uint32_t y = 0; y < settings.height; y += kBlockPixels)
+    for (uint32_t x = 0; x < settings.width; x += kBlockPixels) blocks.push_back({x, y});
+  return blocks;
+}
+
+// The twin.
+Values slowly(World& world, std::span<const BlockOrigin> blocks) {
+  const Settings& settings = world.settings;
+  const CameraRays camera = world.camera();
+  const uint32_t n = settings.samples, per_pixel = n * n;
+  Values values(blocks.size(), per_pixel);
+  std::vector<uint32_t> ends;
+  size_t slot = 0;
+  for (const BlockOrigin block : blocks) {
+    for (uint32_t p = 0; p < kBlockArea; ++p) {
+      const uint32_t x = block.x + p % kBlockPixels, y = block.y + p / kBlockPixels, pixel = y * settings.width + x;
+      for (uint32_t s = 0; s < per_pixel; ++s, ++slot) {
+        values.first[slot] = {}, values.position[slot] = 0;
+        if (x >= settings.width || y >= settings.height) continue;
+        const auto random = pcg4d(pixel, s, uint32_t(RandomUse::FilmPosition), settings.seed);
+        const uint32_t fx = std::min(65535u, uint32_t((float(s % n) + toUnit(random[0])) / float(n) * 65536.0f));
+        const uint32_t fy = std::min(65535u, uint32_t((float(s / n) + toUnit(random[1])) / float(n) * 65536.0f));
+        values.position[slot] = fy << 16 | fx;
+        values.first[slot] = {{}, float(x) + float(fx) * 0x1p-16f, float(y) + float(fy) * 0x1p-16f, pixel, s};
+      }
+    }
+    ends.push_back(uint32_t(slot));
+  }
+  traceFirstHits(world.context(), camera, values.first, ends);
+  std::vector<PathVertex> vertices(slot);
+  values.on_surface = tracePaths(world.context(), camera, Layer::Direct, values.first, ends, vertices, values.direct());
+  std::fill(values.depth.begin(), values.depth.end(), kInfinity);
+  for (size_t i = 0; i < slot; ++i) {
+    const FirstHit& f = values.first[i];
+    values.coverage[i] = 0, values.normal[i] = {};
+    if (!f.active()) continue;
+    const Ray ray = camera.ray(f.film_x, f.film_y);
+    if (!f.hit.valid()) {
+      const bool light =
+          settings.lights_visible &&
+          intersectLights(world.stage.scene.lights, ray.origin, ray.direction, std::numeric_limits<float>::max()).valid;
+      values.coverage[i] = settings.dome_light_visible || light ? 1 : 0;
+      continue;
+    }
+    const SurfacePoint point = world.trace->surface(f.hit, ray.direction, false);
+    values.coverage[i] = 1;
+    values.normal[i] = point.side ? -point.ns : point.ns;
+    float& depth = values.depth[i / per_pixel];
+    depth = std::min(depth, camera.depth(ray.origin + ray.direction * f.hit.t));
+  }
+  return values;
+}
+
+Values quickly(World& world, std::span<const BlockOrigin> blocks) {
+  Values values(blocks.size(), world.settings.samples * world.settings.samples);
+  values.on_surface =
+      traceAntialiasing(world.context(), world.camera(), blocks, values.first, values.shared(), values.direct());
+  return values;
+}
+
+void expectEqual(const Values& a, const Values& b, const std::string& what) {
+  EXPECT_TRUE(sameBytes(a.position, b.position)) << what;
+  EXPECT_TRUE(sameBytes(a.coverage, b.coverage)) << what;
+  EXPECT_TRUE(sameBytes(a.depth, b.depth)) << what;
+  EXPECT_TRUE(sameBytes(a.footprint, b.footprint)) << what;
+  EXPECT_TRUE(sameBytes(a.key, b.key)) << what;
+  EXPECT_TRUE(sameBytes(a.uv, b.uv)) << what;
+  EXPECT_TRUE(sameBytes(a.throughput, b.throughput)) << what;
+  EXPECT_TRUE(sameBytes(a.first, b.first)) << what;
+  EXPECT_EQ(a.on_surface, b.on_surface) << what;
+  size_t different = 0;  // -0 and 0 are equal
+  for (size_t i = 0; i < a.normal.size(); ++i) different += !(a.normal[i] == b.normal[i]);
+  EXPECT_EQ(different, 0u) << what;
+}
+
+// Bodies with and without normals, seen from both sides, mirrored and sheared, in several meshes of a prototype.
+void furnish(World& world, int32_t material = -1) {
+  Stream stream(11);
+  const auto kind = [&](int i) { return material >= 0 ? material : i % int(world.stage.scene.materials.size()); };
+  DicedMesh open = sphere(7);
+  open.triangles.resize(open.triangles.size() / 2), open.triangle_primitive.resize(open.triangles.size() / 3);
+  DicedMesh needle;  // without area: no normal
+  addTriangle(needle, {-1, -1, 0}, {1, 1, 0}, {0, 0, 0});
+  const uint32_t a = world.stage.addMesh(sphere(9), kind(3)), b = world.stage.addMesh(open, kind(4)),
+                 c = world.stage.addMesh(soup(stream, 40), kind(0)), d = world.stage.addMesh(needle, kind(0)),
+                 e = world.stage.addMesh(box({-0.5f, -0.5f, -0.5f}, {0.5f, 0.5f, 0.5f}), kind(1));
+  const uint32_t first = world.stage.addPrototype({a, d, c}), second = world.stage.addPrototype({b}),
+                 third = world.stage.addPrototype({e, b});
+  const uint32_t prototypes[] = {first, second, third};
+  for (int i = 0; i < 12; ++i)
+    world.stage.addInstance(prototypes[i % 3], translation({0, 0, -9}) * randomTransform(stream, i),
+                            i == 7 ? kMatte : -1);
+  world.stage.scene.meshes[e].face_materials = {0, kind(3), -1, 0, kind(2), -1};
+}
+
+void frame(World& world, uint32_t width, uint32_t height, uint32_t samples) {
+  world.settings.width = width, world.settings.height = height, world.settings.samples = samples;
+  world.stage.scene.camera.half_tangent = {0.4f, 0.4f * float(height) / float(width)};
+}
+
+TEST(Antialiasing, AgreesWithTheObviousWay) {
+  struct Case {
+    uint32_t width, height, samples;
+  };
+  for (const Case c : {Case{48, 32, 1}, {37, 21, 1}, {33, 50, 4}, {5, 3, 2}, {35, 18, 11}, {17, 17, 23}}) {
+    World world;
+    Material plastic, tinted_glass = glass();
+    plastic.roughness = {0.0f};
+    tinted_glass.opacity = {0.3f};
+    world.stage.scene.materials.push_back(plastic), world.stage.scene.materials.push_back(tinted_glass);
+    furnish(world);
+    frame(world, c.width, c.height, c.samples);
+    world.settings.seed = c.width;
+    world.build();
+    const auto blocks = blocksOf(world.settings);
+    const Values slow = slowly(world, blocks), quick = quickly(world, blocks);
+    expectEqual(quick, slow, std::to_string(c.width) + " " + std::to_string(c.samples));
+    EXPECT_EQ(world.rays_traced, 2u * c.width * c.height * c.samples * c.samples);
+    if (c.width < 10) continue;
+    uint64_t back = 0, front = 0, missed = 0, weighted = 0;
+    for (size_t i = 0; i < quick.key.size(); ++i) {
+      const bool hit = quick.key[i].instance != kNoInstance;
+      back += hit && (quick.key[i].primitive_side & 1), front += hit && !(quick.key[i].primitive_side & 1);
+      missed += quick.first[i].active() && !quick.first[i].hit.valid();
+      weighted += hit && quick.throughput[i].x != 1;
+    }
+    EXPECT_GT(back, c.samples == 1 ? 0u : 20u);
+    EXPECT_GT(front, 100u);
+    EXPECT_GT(missed, 20u);
+    EXPECT_GT(weighted, 20u);
+  }
+}
+
+TEST(Antialiasing, OfPlainMaterialsToo) {
+  World world;  // every weight is 1: the shortest way
+  furnish(world, kMatte);
+  world.stage.scene.materials.resize(1);
+  frame(world, 40, 40, 5);
+  world.stage.scene.camera.to_world = translation({0.2, -0.1, 0.5}) * rotation({0, 1, 0}, 0.1);
+  world.stage.scene.camera.near_clip = 7, world.stage.scene.camera.far_clip = 11;
+  world.build();
+  const auto blocks = blocksOf(world.settings);
+  expectEqual(quickly(world, blocks), slowly(world, blocks), "plain");
+}
+
+TEST(Antialiasing, SeesLightsWhereTheyAreVisible) {
+  for (const bool lights : {false, true})
+    for (const bool sky : {false, true}) {
+      World world;
+      furnish(world);
+      Light ball;
+      ball.kind = Light::Kind::Sphere;
+      ball.radiance = {7, 6, 5}, ball.centre = {0.5, 0, -6}, ball.radius = 1;
+      Light black = ball;
+      black.radiance = {0, 0, 0}, black.centre = {-2, 1, -6};
+      world.stage.scene.lights = {ball, dome({0.5f, 0.25f, 0.125f}), black};
+      world.settings.lights_visible = lights, world.settings.dome_light_visible = sky;
+      frame(world, 40, 30, 3);
+      world.build();
+      const auto blocks = blocksOf(world.settings);
+      const Values quick = quickly(world, blocks);
+      expectEqual(quick, slowly(world, blocks), "lights");
+      uint64_t on_ball = 0;
+      for (const Vec3f t : quick.throughput) on_ball += t == ball.radiance;
+      EXPECT_EQ(on_ball > 100, lights);
+    }
+}
+
+// A metal whose colour varies, a dielectric whose roughness does, and materials that do not.
+TEST(Antialiasing, EvaluatesVaryingMaterials) {
+  World world;
+  Material varied;
+  varied.nodes.emplace_back().kind = PatternNode::Kind::DisplayColor;
+  varied.metallic = {0.5f}, varied.roughness = {0.0f};
+  varied.diffuse_color = {{0, 0, 0}, 0, 0};
+  world.stage.scene.materials.push_back(varied);
+  furnish(world);
+  for (DicedMesh& mesh : world.stage.diced)
+    for (const Vec3f& p : mesh.positions) mesh.display_color.push_back({p.x * 0.5f + 0.5f, 0.3f, 0.9f});
+  frame(world, 40, 30, 3);
+  world.settings.max_reuse_distance = 2;
+  world.build();
+  ASSERT_TRUE(world.patterns->pathVaries(3));
+  const auto blocks = blocksOf(world.settings);
+  expectEqual(quickly(world, blocks), slowly(world, blocks), "varying");
+}
+
+TEST(Antialiasing, KeysCarryOctavesAndParametersTheirScaleWhereAskedFor) {
+  World world;
+  furnish(world);
+  frame(world, 40, 30, 4);
+  world.settings.footprint_reuse = FootprintReuse::Octaves;
+  world.build();
+  world.trace = std::make_unique<TraceScene>(world.stage.scene, world.stage.diced, true);
+  const auto blocks = blocksOf(world.settings);
+  const Values quick = quickly(world, blocks);
+  expectEqual(quick, slowly(world, blocks), "octaves");
+  std::vector<uint32_t> octaves(64);
+  for (size_t i = 0; i < quick.key.size(); ++i) {
+    if (quick.key[i].instance == kNoInstance) continue;
+    const uint32_t octave = quick.key[i].instance >> 26;
+    EXPECT_EQ(quick.key[i].instance & (kOctaveInstances - 1), quick.first[i].hit.instance);
+    ++octaves[octave];
+  }
+  EXPECT_GT(std::count_if(octaves.begin(), octaves.end(), [](uint32_t c) { return c > 10; }), 3);
+}
+
+TEST(Antialiasing, DependsOnNothingButTheBlock) {
+  World world;
+  furnish(world);
+  frame(world, 70, 45, 3);
+  world.build();
+  auto blocks = blocksOf(world.settings);
+  Values together(0, 9);
+  for (const int threads : {1, 2}) tbb::task_arena(threads).execute([&] { together = quickly(world, blocks); });
+  const size_t slots = kBlockArea * 9;
+  for (size_t b = blocks.size(); b-- > 0;) {
+    const Values alone = quickly(world, std::span(blocks).subspan(b, 1));
+    EXPECT_EQ(std::memcmp(alone.first.data(), &together.first[b * slots], slots * sizeof(FirstHit)), 0);
+    EXPECT_EQ(std::memcmp(alone.uv.data(), &together.uv[b * slots], slots * sizeof(Vec2f)), 0);
+    EXPECT_EQ(std::memcmp(alone.depth.data(), &together.depth[b * kBlockArea], kBlockArea * sizeof(float)), 0);
+  }
+}
+
+TEST(Antialiasing, WritesNothingThatIsNotNeeded) {
+  World world;
+  furnish(world);
+  frame(world, 20, 20, 2);
+  world.build();
+  const auto blocks = blocksOf(world.settings);
+  const Values all = quickly(world, blocks);
+  Values some(blocks.size(), 4);
+  EXPECT_EQ(traceAntialiasing(world.context(), world.camera(), blocks, {}, {}, {{}, some.uv, {}, {}}), all.on_surface);
+  EXPECT_TRUE(sameBytes(some.uv, all.uv));
+  EXPECT_EQ(traceAntialiasing(world.context(), world.camera(), blocks, {}, {{}, {}, some.normal, {}}, {}), 0u);
+  EXPECT_TRUE(sameBytes(some.normal, all.normal));
+  EXPECT_EQ(traceAntialiasing(world.context(), world.camera(), blocks, some.first, {}, {}), 0u);
+  EXPECT_TRUE(sameBytes(some.first, all.first));
+  EXPECT_EQ(traceAntialiasing(world.context(), world.camera(), {}, {}, {}, {}), 0u);
+}
+
+TEST(Antialiasing, TracesSingleSlotsAgain) {
+  for (const uint32_t samples : {1u, 3u, 11u}) {
+    World world;
+    furnish(world);
+    frame(world, 39, 21, samples);
+    world.build();
+    const auto blocks = blocksOf(world.settings);
+    const Values all = quickly(world, blocks);
+    Stream stream(samples);
+    std::vector<uint32_t> slots;
+    for (uint32_t i = 0; i < all.first.size(); ++i)
+      if (stream.next() < 0.05f) slots.push_back(i);
+    std::vector<FirstHit> first(slots.size());
+    retraceFirstHits(world.context(), world.camera(), blocks, slots, first);
+    for (size_t i = 0; i < slots.size(); ++i)
+      ASSERT_EQ(std::memcmp(&first[i], &all.first[slots[i]], sizeof(FirstHit)), 0) << slots[i];
+    retraceFirstHits(world.context(), world.camera(), blocks, {}, {});
+  }
+}
+
+TEST(Antialiasing, PositionsAreJitteredInTheirStrata) {
+  World world;
+  frame(world, 37, 21, 5);
+  world.build();
+  const auto blocks = blocksOf(world.settings);
+  const Values values = quickly(world, blocks);
+  size_t active = 0;
+  for (size_t i = 0; i < values.first.size(); ++i) {
+    const uint32_t pixel = uint32_t(i / 25 % kBlockArea), block = uint32_t(i / 25 / kBlockArea), s = uint32_t(i % 25);
+    const uint32_t x = blocks[block].x + pixel % kBlockPixels, y = blocks[block].y + pixel / kBlockPixels;
+    const FirstHit& f = values.first[i];
+    ASSERT_EQ(f.active(), x < 37 && y < 21);
+    if (!f.active()) continue;
+    ++active;
+    EXPECT_EQ(f.film_x, float(x) + float(values.position[i] & 0xffff) * 0x1p-16f);
+    EXPECT_EQ(f.film_y, float(y) + float(values.position[i] >> 16) * 0x1p-16f);
+    EXPECT_NEAR((f.film_x - float(x)) * 5, float(s % 5) + 0.5f, 0.5f + 1e-3f);
+    EXPECT_NEAR((f.film_y - float(y)) * 5, float(s / 5) + 0.5f, 0.5f + 1e-3f);
+  }
+  EXPECT_EQ(active, size_t(37) * 21 * 25);
+}
+
+TEST(RawTrace, CountsWholePackets) {
+  World world;
+  furnish(world);
+  frame(world, 37, 21, 4);
+  world.build();
+  const RawTrace raw = timeRawPrimaryRays(*world.trace, world.camera(), world.settings);
+  EXPECT_EQ(raw.rays, 37u * 21 * 16);
+  EXPECT_GT(raw.seconds, 0);
+}
+
+}  // namespace
+}  // namespace encore
