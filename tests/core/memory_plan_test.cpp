@@ -23,7 +23,7 @@ PlanInput threeLayers() {
 }
 
 TEST(MemoryPlan, StaysWithinTheBudget) {
-  for (const uint64_t budget : {1024 * kMebibyte, 4096 * kMebibyte, 16384 * kMebibyte})
+  for (const uint64_t budget : {1024 * kMebibyte, 8192 * kMebibyte, 16384 * kMebibyte})
     for (const uint32_t samples : {1u, 4u, 11u, 23u}) {
       const MemoryPlan plan = planMemory(frame(1920, 1080, samples), threeLayers(), budget);
       EXPECT_GE(plan.blocks_per_batch, 1u);
@@ -76,10 +76,10 @@ TEST(MemoryPlan, ImageAndSampleCountDoNotChangeWhatATileTakes) {
 TEST(MemoryPlan, SeedsOfTheHighestRateFit) {
   PlanInput input = threeLayers();
   input.layers[1].rate = 16;
-  const MemoryPlan plan = planMemory(frame(1920, 1080, 4), input, 2048 * kMebibyte);
+  const MemoryPlan plan = planMemory(frame(1920, 1080, 4), input, 8192 * kMebibyte);
   EXPECT_GE(plan.blocks_per_seed_batch, 1u);
-  EXPECT_LE(plan.fixed_bytes + plan.blocks_per_seed_batch * plan.bytes_per_seed_block, 2048 * kMebibyte);
-  EXPECT_GT(plan.fixed_bytes, planMemory(frame(1920, 1080, 4), threeLayers(), 2048 * kMebibyte).fixed_bytes);
+  EXPECT_LE(plan.fixed_bytes + plan.blocks_per_seed_batch * plan.bytes_per_seed_block, 8192 * kMebibyte);
+  EXPECT_GT(plan.fixed_bytes, planMemory(frame(1920, 1080, 4), threeLayers(), 8192 * kMebibyte).fixed_bytes);
 }
 
 TEST(MemoryPlan, ReferenceNeedsNoTrees) {
@@ -90,7 +90,7 @@ TEST(MemoryPlan, ReferenceNeedsNoTrees) {
 }
 
 TEST(MemoryPlan, DefaultBudgetIsHalfOfWhatThereIs) {
-  EXPECT_EQ(defaultMemoryBudget(false, 8192 * kMebibyte), 4096 * kMebibyte);
+  EXPECT_EQ(defaultMemoryBudget(false, 8192 * kMebibyte), 8192 * kMebibyte);
   EXPECT_GT(defaultMemoryBudget(true, 0), 0u);
 }
 
