@@ -8,17 +8,27 @@
 #include <cmath>
 
 namespace encore {
+namespace {
+
+// Antialiasing samples per pixel from which on a pixel's groups are large enough.
+constexpr uint32_t kSamplesWorthGroups = 49;
+// Antialiasing samples per shading sample from which on lists are worth building.
+constexpr float kQueriesWorthLists = 24;
+
+}  // namespace
 
 LayerSearch::LayerSearch(const Scene& scene, const Settings& settings, const TraceScene& trace,
                          const ShadingRates& rates, ReuseKernels& kernels)
     : settings_(settings), trace_(trace), rates_(rates), kernels_(kernels), projection_(scene.camera, settings) {}
 
-// By measurement (docs/method.md): a pixel's first hits share their candidates, what is seen by way of other
-// surfaces does not.
+// By measurement (docs/method.md): a pixel's first hits share their candidates if there are many of them; what is
+// seen by way of other surfaces does not, but many queries pay for lists.
 Search LayerSearch::kindOf(Layer layer) const {
   if (settings_.search != Search::Auto) return settings_.search;
   if (settings_.footprint_reuse == FootprintReuse::Metric) return Search::Tree;
-  return layer == Layer::Direct ? Search::Groups : Search::Cells;
+  const uint32_t samples_per_pixel = settings_.samples * settings_.samples;
+  if (layer == Layer::Direct) return samples_per_pixel >= kSamplesWorthGroups ? Search::Groups : Search::Tree;
+  return float(samples_per_pixel) >= kQueriesWorthLists * rates_.frame(layer) ? Search::Cells : Search::Tree;
 }
 
 bool LayerSearch::needsFootprints() const {

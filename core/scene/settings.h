@@ -12,7 +12,7 @@ namespace encore {
 // of micropolygons (Hou et al. 2010).
 enum class Method { Reuse, Reference, Decoupled, DecoupledPixel, Vertex };
 enum class FilterKind { Box, Gaussian, Mitchell, BlackmanHarris };
-// How nearest neighbours are found; all of them find the same. Auto chooses per layer and reuse tile.
+// How nearest neighbours are found; all of them find the same. Auto chooses per layer.
 enum class Search { Auto, Tree, Groups, Cells };
 // What the footprints of two samples have to do with reuse between them (§2.4): nothing; the paper's metric;
 // or samples whose footprints are of different octaves never share.

@@ -255,7 +255,7 @@ GROUPS: dict[str, tuple[Setting, ...]] = {
             "auto",
             "How the nearest shading samples are found: `tree` (the paper's kd-trees), `groups` (candidates "
             "shared by the samples of a pixel) or `cells` (lists per cell of a grid); never changes a pixel. "
-            "`auto` chooses per layer and reuse tile.",
+            "`auto` chooses per layer.",
             choices=("auto", "tree", "groups", "cells"),
             metavar="SEARCH",
         ),
