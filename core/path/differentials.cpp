@@ -2,16 +2,6 @@
 
 namespace encore {
 
-Vec3f transferDifferential(Vec3f dp, Vec3f dd, float t, Vec3f direction, Vec3f n) {
-  const Vec3f moved = dp + dd * t;
-  return moved - direction * (dot(moved, n) / dot(direction, n));
-}
-
-Vec3f reflectDifferential(Vec3f direction, Vec3f n, Vec3f dd, Vec3f dn) {
-  const float change = dot(dd, n) + dot(direction, dn);
-  return dd - (dn * dot(direction, n) + n * change) * 2;
-}
-
 Vec3f refractDifferential(Vec3f direction, Vec3f out, Vec3f n, float eta, Vec3f dd, Vec3f dn) {
   const float ratio = 1 / eta;
   const float cos_in = dot(direction, n), cos_out = dot(out, n);  // both negative
@@ -21,7 +11,7 @@ Vec3f refractDifferential(Vec3f direction, Vec3f out, Vec3f n, float eta, Vec3f 
   return dd * ratio - (dn * mu + n * dmu);
 }
 
-Vec3f limited(Vec3f v, float longest) {
+Vec3f shortened(Vec3f v, float longest) {
   if (!isFinite(v)) return {};
   const float size = maxComponent(absolute(v));
   if (size > longest) v = v * (longest / size);  // first, so that the squares below stay finite

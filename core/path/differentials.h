@@ -2,20 +2,33 @@
 // change over a pixel step in x and in y. All lengths in world units per pixel.
 #pragma once
 
+#include <cmath>
+
 #include "core/scene/math.h"
 
 namespace encore {
 
 // Eqs. 10-12: the change of the hit at distance t on a plane with normal n, from that of origin and direction.
-Vec3f transferDifferential(Vec3f dp, Vec3f dd, float t, Vec3f direction, Vec3f n);
+inline Vec3f transferDifferential(Vec3f dp, Vec3f dd, float t, Vec3f direction, Vec3f n) {
+  const Vec3f moved = dp + dd * t;
+  return moved - direction * (dot(moved, n) / dot(direction, n));
+}
 // Eqs. 14-16: change of the reflected direction. dn: change of the unit normal n over the step.
-Vec3f reflectDifferential(Vec3f direction, Vec3f n, Vec3f dd, Vec3f dn);
+inline Vec3f reflectDifferential(Vec3f direction, Vec3f n, Vec3f dd, Vec3f dn) {
+  const float change = dot(dd, n) + dot(direction, dn);
+  return dd - (dn * dot(direction, n) + n * change) * 2;
+}
 // Eq. 17: change of the refracted direction `out`. n: on the side that `direction` comes from;
 // eta: far over near index of refraction.
 Vec3f refractDifferential(Vec3f direction, Vec3f out, Vec3f n, float eta, Vec3f dd, Vec3f dn);
 
+Vec3f shortened(Vec3f v, float longest);  // the rare part of limited()
 // v, shortened to `longest`; zero where it is not finite.
-Vec3f limited(Vec3f v, float longest);
+inline Vec3f limited(Vec3f v, float longest) {
+  const float half = 0.5f * longest;  // most are far below
+  if (std::abs(v.x) <= half && std::abs(v.y) <= half && std::abs(v.z) <= half) return v;
+  return shortened(v, longest);
+}
 // Two unit vectors never differ by more.
 inline constexpr float kLargestDirectionChange = 2;
 

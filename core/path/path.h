@@ -92,7 +92,9 @@ void traceFirstHits(const ShadeContext& context, const CameraRays& camera, std::
 // Follows every first hit in one layer (§2.4): the first bounce is forced and weighted by its exact
 // share; later ones are chosen by chance and divided by the probability; after max_bounces only
 // absorption remains. Paths that carry nothing end with throughput 0 and an invalid hit.
-// vertices.size() == first.size(). out: the same values once more, where asked for.
+// vertices.size() == first.size(). out: the same values once more, where asked for. With its key or throughput,
+// vertices are only filled where a path ends on a surface, and dpdx and dpdy only if some setting or texture of
+// the scene can read them.
 // Returns the number of paths that end on a surface.
 uint64_t tracePaths(const ShadeContext& context, const CameraRays& camera, Layer layer, std::span<const FirstHit> first,
                     std::span<const uint32_t> ends, std::span<PathVertex> vertices, const SampleOutputs& out = {});

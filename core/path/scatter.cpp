@@ -11,34 +11,55 @@ bool needsNumbers(const Lobes& lobes, Effect effect) {
   return rough_coat || (lobes.specular_traced && lobes.alpha > 0);
 }
 
+// sampleReflection() where all traced lobes are smooth, which needs no basis.
+Bounce mirrored(const Arrival& arrival, Vec3f n) {
+  const float cosine = dot(n, arrival.wo);
+  const Vec3f weight = effectWeights(arrival.lobes, cosine, true).reflection;
+  return {normalize(n * (2 * cosine) - arrival.wo), weight, n, maxComponent(weight) > 0};
+}
+
 }  // namespace
 
-Arrival arrive(const SurfacePoint& point, Vec3f direction, const Material& material, const PathInputs& inputs,
-               float roughness_limit, bool view_weight_in_shading) {
+Arrival arrive(const SurfacePoint& point, Vec3f direction, const Lobes& lobes, bool view_weight_in_shading) {
   const float sign = point.side ? -1.0f : 1.0f;
-  Arrival a{point, -direction, point.ng * sign, point.ns * sign, point.dn1 * sign, point.dn2 * sign, {}, false};
+  Arrival a{point,
+            -direction,
+            point.ng * sign,
+            point.ns * sign,
+            point.dn1 * sign,
+            point.dn2 * sign,
+            lobes,
+            view_weight_in_shading};
   if (!(dot(a.wo, a.n) > 0)) a.n = a.ng, a.dn1 = a.dn2 = {};
-  a.lobes = makeLobes(material, inputs, point.side != 0, roughness_limit);
-  a.view_weight_in_shading = view_weight_in_shading;
   return a;
 }
 
-ChosenEffect chooseEffect(const EffectWeights& weights, float u) {
+bool absorbsAll(const Lobes& lobes, bool view_weight_in_shading) {
+  const bool coat_reflects = lobes.coat_traced && lobes.clearcoat > 0;
+  return view_weight_in_shading && !lobes.specular_traced && !coat_reflects && lobes.opacity == 1;
+}
+
+ChosenEffect chooseEffect(const EffectWeights& weights, const BounceRandom& random) {
   const float reflect = maxComponent(weights.reflection), refract = maxComponent(weights.refraction),
               absorb = maxComponent(weights.absorption);
-  const float sum = reflect + refract + absorb, x = u * sum;
+  const float sum = reflect + refract + absorb;
   if (!(sum > 0)) return {};
+  // Without a choice, numbers cost more than what follows.
+  if (!(reflect > 0 || refract > 0)) return {Effect::Absorb, 1};
+  if (!(absorb > 0 || refract > 0)) return {Effect::Reflect, 1};
+  const float x = random.choice() * sum;
   if (x < reflect) return {Effect::Reflect, reflect / sum};
   if (x < reflect + refract) return {Effect::Refract, refract / sum};
   return {Effect::Absorb, absorb / sum};
 }
 
 Departure depart(const Arrival& arrival, Effect effect, const BounceRandom& random) {
+  const bool chance = needsNumbers(arrival.lobes, effect);
   std::array<float, 4> u{};
-  if (needsNumbers(arrival.lobes, effect)) u = random.lobe();
+  if (chance) u = random.lobe();
   const auto sample = [&](Vec3f n) {
-    return effect == Effect::Reflect ? sampleReflection(arrival.lobes, n, arrival.wo, u.data())
-                                     : sampleRefraction(arrival.lobes, n, arrival.wo, u.data());
+    if (effect == Effect::Refract) return sampleRefraction(arrival.lobes, n, arrival.wo, u.data());
+    return chance ? sampleReflection(arrival.lobes, n, arrival.wo, u.data()) : mirrored(arrival, n);
   };
   const auto leavesRightly = [&](const Bounce& b) {
     const float cosine = dot(b.direction, arrival.ng);

@@ -21,15 +21,18 @@ struct Arrival {
   EffectWeights weights() const { return effectWeights(lobes, dot(wo, n), view_weight_in_shading); }
 };
 // Where the shading normal turns away from the path (as it may at silhouettes), n is ng.
-Arrival arrive(const SurfacePoint& point, Vec3f direction, const Material& material, const PathInputs& inputs,
-               float roughness_limit, bool view_weight_in_shading);
+// lobes: for point.side.
+Arrival arrive(const SurfacePoint& point, Vec3f direction, const Lobes& lobes, bool view_weight_in_shading);
 
-// Chooses by chance, each effect with the share of its largest channel. probability 0: nothing is left to follow.
+// No light but what shading evaluates: absorption is 1 and the other effects are 0, whatever the view.
+bool absorbsAll(const Lobes& lobes, bool view_weight_in_shading);
+
+// Each effect is chosen with the share of its largest channel. probability 0: nothing is left to follow.
 struct ChosenEffect {
   Effect effect = Effect::Absorb;
   float probability = 0;
 };
-ChosenEffect chooseEffect(const EffectWeights& weights, float u);
+ChosenEffect chooseEffect(const EffectWeights& weights, const BounceRandom& random);
 
 // A ray that leaves an arrival.
 struct Departure {

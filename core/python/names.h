@@ -55,9 +55,8 @@ inline constexpr Names<Method, 5> kMethods{{{"reuse", Method::Reuse},
                                             {"vertex", Method::Vertex}}};
 inline constexpr Names<Search, 4> kSearches{
     {{"auto", Search::Auto}, {"tree", Search::Tree}, {"groups", Search::Groups}, {"cells", Search::Cells}}};
-inline constexpr Names<FootprintReuse, 3> kFootprintReuses{{{"ignore", FootprintReuse::Ignore},
-                                                            {"metric", FootprintReuse::Metric},
-                                                            {"octaves", FootprintReuse::Octaves}}};
+inline constexpr Names<FootprintReuse, 3> kFootprintReuses{
+    {{"ignore", FootprintReuse::Ignore}, {"metric", FootprintReuse::Metric}, {"octaves", FootprintReuse::Octaves}}};
 inline constexpr Names<FilterKind, 4> kFilters{{{"box", FilterKind::Box},
                                                 {"gaussian", FilterKind::Gaussian},
                                                 {"mitchell", FilterKind::Mitchell},

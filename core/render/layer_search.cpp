@@ -53,8 +53,7 @@ void LayerSearch::buildIndex(Layer layer, LayerShading& shading) {
   shading.index = kernels_.buildIndex(shading.samples, kindOf(layer), metric ? settings_.footprint_weight : 0.0f);
 }
 
-void LayerSearch::find(const LayerShading& shading, const BatchHits& hits, AaSamples& aa,
-                       LayerStatistics& statistics) {
+void LayerSearch::find(const LayerShading& shading, const BatchHits& hits, AaSamples& aa, LayerStatistics& statistics) {
   if (needsCells()) hashFailures(hits, aa);
   kernels_.findNearest(*shading.index, aa);
   if (settings_.method == Method::Reuse && settings_.max_reuse_distance > 0) limitDistance(shading, hits, aa);

@@ -33,8 +33,8 @@ std::string mebibytes(uint64_t bytes) { return std::to_string((bytes + (1u << 20
 MemoryPlan planMemory(const Settings& settings, const PlanInput& input, uint64_t budget_bytes) {
   const uint32_t tile = settings.reuse_tile_pixels;
   const PixelRect rect{0, 0, std::min(tile, settings.width), std::min(tile, settings.height)};
-  const uint64_t blocks = ((rect.width() + kBlockPixels - 1) / kBlockPixels) *
-                          uint64_t((rect.height() + kBlockPixels - 1) / kBlockPixels);
+  const uint64_t blocks =
+      ((rect.width() + kBlockPixels - 1) / kBlockPixels) * uint64_t((rect.height() + kBlockPixels - 1) / kBlockPixels);
   const uint64_t slots = uint64_t(kBlockArea) * settings.samples * settings.samples;
 
   MemoryPlan plan;

@@ -8,13 +8,13 @@
 
 namespace encore {
 
-// Blocks of antialiasing samples, and of shading rays, that are in flight together. The scope of trees, the reuse tile, is
-// a setting and not planned here: what a pixel gets must not depend on the budget.
+// Blocks of antialiasing samples, and of shading rays, that are in flight together. The scope of trees, the reuse tile,
+// is a setting and not planned here: what a pixel gets must not depend on the budget.
 struct MemoryPlan {
   uint32_t blocks_per_batch = 1;       // of antialiasing samples
   uint32_t blocks_per_seed_batch = 1;  // of shading rays, while they are traced and shaded
-  uint64_t fixed_bytes = 0;       // shading samples and indices of one reuse tile in all layers, and the film of it
-  uint64_t bytes_per_block = 0;   // antialiasing samples of a block, in one layer at a time
+  uint64_t fixed_bytes = 0;      // shading samples and indices of one reuse tile in all layers, and the film of it
+  uint64_t bytes_per_block = 0;  // antialiasing samples of a block, in one layer at a time
   uint64_t bytes_per_seed_block = 0;
 };
 

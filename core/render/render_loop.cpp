@@ -370,8 +370,8 @@ Frame render(Scene& scene, const Settings& settings, Device& device, const Progr
   device.resetTimings();
   const Rebased rebased(scene);
   Frame frame;
-  const uint32_t threads = inArena(
-      settings, [&] { frame = FrameRenderer(scene, settings, device, progress, sink).render(); });
+  const uint32_t threads =
+      inArena(settings, [&] { frame = FrameRenderer(scene, settings, device, progress, sink).render(); });
   frame.statistics.threads = threads;
   return frame;
 }

@@ -2,9 +2,9 @@
 // lens and motion blur), of which those of a pixel have little in common.
 //
 // Each primitive is covered by root cells: those of its SampleGrid and one more on each side, those at the border
-// reaching to the border of [0, 1]². A root cell is split into 2^a × 2^b leaves, about one for every two samples; leaves
-// that hold many samples are split again, so that very uneven densities end in lists as short as even ones. Each leaf
-// lists all samples that can be the nearest to any point of it (shaders/reuse/cell_lists_leaf.glsl says how they
+// reaching to the border of [0, 1]². A root cell is split into 2^a × 2^b leaves, about one for every two samples;
+// leaves that hold many samples are split again, so that very uneven densities end in lists as short as even ones. Each
+// leaf lists all samples that can be the nearest to any point of it (shaders/reuse/cell_lists_leaf.glsl says how they
 // are found and why rounding cannot break that), in order of id, with a copy of their coordinates: a query is one look
 // into the key table, one or two steps to the leaf, and a loop over some six candidates. Leaves whose list would
 // be too long have none; queries there walk trees, which are built only if there are such leaves.

@@ -24,7 +24,7 @@ struct Instance {
   std::string path;
   uint32_t prototype = 0;
   Affine3d to_world;
-  int32_t material = -1;  // overrides the meshes' materials when not negative
+  int32_t material = -1;      // overrides the meshes' materials when not negative
   LayerRates shading_rate{};  // overrides the meshes' where above 0
 };
 

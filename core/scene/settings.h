@@ -21,8 +21,8 @@ enum class FootprintReuse { Ignore, Metric, Octaves };
 struct Settings {
   Method method = Method::Reuse;
   uint32_t width = 960, height = 540;
-  uint32_t samples = 8;      // samples × samples antialiasing samples per pixel
-  float shading_rate = 2;    // shading samples per pixel per layer (the paper's shading_rate)
+  uint32_t samples = 8;               // samples × samples antialiasing samples per pixel
+  float shading_rate = 2;             // shading samples per pixel per layer (the paper's shading_rate)
   float shading_rate_reflection = 0;  // of that layer; 0: shading_rate
   float shading_rate_refraction = 0;
   uint32_t max_bounces = 4;  // mirror, glossy and refractive bounces after the first hit
@@ -41,11 +41,11 @@ struct Settings {
   float max_reuse_distance = 0;         // in spacings of shading samples, beyond which a sample fails; 0: no limit
   bool world_space_parameters = false;  // (u, v) are scaled to each primitive's extents in the world
   bool debug_aovs = false;              // how shading was spent, per layer
-  uint64_t memory_budget_bytes = 0;  // samples, trees and film; 0: from the device
-  uint32_t threads = 0;              // 0: all
-  bool dome_light_visible = false;   // to the camera
-  bool lights_visible = false;       // area lights to the camera
-  float roughness_limit = 0.3f;      // lobes up to this roughness are traced, rougher ones shaded
+  uint64_t memory_budget_bytes = 0;     // samples, trees and film; 0: from the device
+  uint32_t threads = 0;                 // 0: all
+  bool dome_light_visible = false;      // to the camera
+  bool lights_visible = false;          // area lights to the camera
+  float roughness_limit = 0.3f;         // lobes up to this roughness are traced, rougher ones shaded
 
   // Throws Error(Setting) that names the field, the value and the range.
   void validate() const;

@@ -155,9 +155,9 @@ void validateMesh(const Mesh& mesh, size_t material_count) {
   errors.checkLength("primvars:encore:targetEdgeLength", mesh.target_edge_length_world);
   for (size_t layer = 0; layer < mesh.shading_rate.size(); ++layer)
     if (!(mesh.shading_rate[layer] >= 0 && mesh.shading_rate[layer] <= kLargestShadingRate))
-      errors.raise(kLayerRateAttributes[layer], "value " + text(mesh.shading_rate[layer]) + " is no shading rate",
-                   "Author a number from 0 (that of the frame) to " + text(kLargestShadingRate) +
-                       " shading samples per pixel");
+      errors.raise(
+          kLayerRateAttributes[layer], "value " + text(mesh.shading_rate[layer]) + " is no shading rate",
+          "Author a number from 0 (that of the frame) to " + text(kLargestShadingRate) + " shading samples per pixel");
 }
 
 }  // namespace encore

@@ -168,10 +168,10 @@ bool checkPlacement(const Scene& scene) {
     checkTransform(instance.to_world, instance.path + ".xformOp:transform");
     for (size_t layer = 0; layer < instance.shading_rate.size(); ++layer)
       if (!(instance.shading_rate[layer] >= 0 && instance.shading_rate[layer] <= kLargestShadingRate))
-        raise(instance.path + "." + kLayerRateAttributes[layer],
-              "value " + text(instance.shading_rate[layer]) + " is no shading rate",
-              "Author a number from 0 (that of the mesh) to " + text(kLargestShadingRate) +
-                  " shading samples per pixel");
+        raise(
+            instance.path + "." + kLayerRateAttributes[layer],
+            "value " + text(instance.shading_rate[layer]) + " is no shading rate",
+            "Author a number from 0 (that of the mesh) to " + text(kLargestShadingRate) + " shading samples per pixel");
     any |= visible[instance.prototype] != 0;
   }
   return any;

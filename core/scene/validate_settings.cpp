@@ -23,7 +23,8 @@ void requireRange(const char* field, T value, T lowest, T highest) {
 }  // namespace
 
 void Settings::validate() const {
-  require(method >= Method::Reuse && method <= Method::Vertex, "method", int(method), "reuse, reference, decoupled, decoupled-pixel or vertex");
+  require(method >= Method::Reuse && method <= Method::Vertex, "method", int(method),
+          "reuse, reference, decoupled, decoupled-pixel or vertex");
   requireRange("width", width, 1u, 65536u);
   requireRange("height", height, 1u, 65536u);
   requireRange("samples", samples, 1u, 64u);

@@ -96,6 +96,7 @@ class Query {
   // half_packets: trace coherent rays as two packets of 8.
   Query(Coherence coherence, float largest_origin, bool half_packets)
       : largest_origin_(largest_origin), half_packets_(half_packets && coherence == Coherence::Coherent) {
+    fillConstants();
     rtcInitIntersectContext(&context_);
     context_.flags =
         coherence == Coherence::Coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
@@ -187,10 +188,16 @@ class Query {
     r.org_x[lane] = ray.origin.x, r.org_y[lane] = ray.origin.y, r.org_z[lane] = ray.origin.z;
     r.dir_x[lane] = ray.direction.x, r.dir_y[lane] = ray.direction.y, r.dir_z[lane] = ray.direction.z;
     r.tnear[lane] = ray.tnear, r.tfar[lane] = ray.tfar;
-    r.time[lane] = 0, r.mask[lane] = 0xffffffffu, r.id[lane] = lane, r.flags[lane] = 0;
     packet_.hit.geomID[lane] = packet_.hit.instID[0][lane] = RTC_INVALID_GEOMETRY_ID;
-    packet_.hit.u[lane] = packet_.hit.v[lane] = 0, packet_.hit.primID[lane] = 0;  // copied, if not used
     valid_[lane] = active ? -1 : 0;
+  }
+  // What is the same for all rays.
+  void fillConstants() {
+    RTCRay16& r = packet_.ray;
+    for (uint32_t lane = 0; lane < kPacketWidth; ++lane) {
+      r.time[lane] = 0, r.mask[lane] = 0xffffffffu, r.id[lane] = lane, r.flags[lane] = 0;
+      packet_.hit.u[lane] = packet_.hit.v[lane] = 0, packet_.hit.primID[lane] = 0;  // copied, if not used
+    }
   }
 
   alignas(64) std::array<int, kPacketWidth> valid_;

@@ -2,6 +2,7 @@
 #include <string>
 
 #include "core/trace/trace_impl.h"
+#include "core/trace/traced_triangle.h"
 
 namespace encore {
 
@@ -15,23 +16,6 @@ constexpr float gammaf(int n) { return float(roundingGamma(n)); }
 Vec3f absoluteCross(Vec3f a, Vec3f b) {
   a = absolute(a), b = absolute(b);
   return {a.y * b.z + a.z * b.y, a.z * b.x + a.x * b.z, a.x * b.y + a.y * b.x};
-}
-
-// Normals and their change along e1 and e2, in world space; ns falls back to ng where it is useless.
-void shadingNormal(SurfacePoint& point, const DicedMesh& mesh, const Corners& corners, const Affine3f& to_prototype,
-                   float b1, float b2) {
-  point.ns = point.ng;
-  if (mesh.normals.empty()) return;
-  const Vec3f n0 = mesh.normals[corners.i0];
-  const Vec3f d1 = to_prototype.transposedVector(mesh.normals[corners.i1] - n0);
-  const Vec3f d2 = to_prototype.transposedVector(mesh.normals[corners.i2] - n0);
-  const Vec3f n = to_prototype.transposedVector(n0) + (d1 * b1 + d2 * b2);
-  const float size = length(n);
-  if (!(dot(n, point.ng) > 0) || !std::isfinite(size)) return;
-  const float factor = 1 / size;
-  point.ns = n * factor;
-  point.dn1 = (d1 - point.ns * dot(point.ns, d1)) * factor;
-  point.dn2 = (d2 - point.ns * dot(point.ns, d2)) * factor;
 }
 
 }  // namespace
@@ -63,67 +47,111 @@ int32_t resolveMaterial(const TracedInstance& instance, const TracedMesh& mesh, 
 }
 
 int32_t TraceScene::material(const Hit& hit) const {
+  const TracedInstance& instance = impl_->instances[hit.instance];
   const TracedMesh& mesh = impl_->meshOf(hit);
-  return resolveMaterial(impl_->instances[hit.instance], mesh, mesh.diced->triangle_primitive[hit.triangle]);
+  if (instance.material >= 0 || mesh.mesh->face_materials.empty()) return resolveMaterial(instance, mesh, 0);
+  return resolveMaterial(instance, mesh, mesh.diced->triangle_primitive[hit.triangle]);
+}
+
+TracedTriangle::TracedTriangle(const TraceScene& trace, const Hit& hit)
+    : instance_index_(hit.instance), mesh_(hit.mesh), triangle_(hit.triangle) {
+  const TraceScene::Impl& scene = *trace.impl_;
+  instance_ = &scene.instances[hit.instance];
+  const TracedMesh& mesh = scene.meshOf(hit);
+  const DicedMesh& diced = *mesh.diced;
+  const Corners corners(diced, hit.triangle);
+  const uint32_t primitive = diced.triangle_primitive[hit.triangle];
+  primitive_ = mesh.first_primitive + primitive;
+  material_ = resolveMaterial(*instance_, mesh, primitive);
+  scale_ = scene.parameterScale(hit.instance, primitive_);
+  uv_ = diced.uv[corners.i0];
+  duv1_ = diced.uv[corners.i1] - uv_, duv2_ = diced.uv[corners.i2] - uv_;
+
+  p0_ = diced.positions[corners.i0];
+  edge1_ = diced.positions[corners.i1] - p0_, edge2_ = diced.positions[corners.i2] - p0_;
+  e1_ = instance_->to_world.vector(edge1_), e2_ = instance_->to_world.vector(edge2_);
+  const LocalTriangle triangle(edge1_, edge2_);
+  const Affine3f& to_prototype = instance_->to_prototype;
+  const Vec3f covector = to_prototype.transposedVector(triangle.normal);
+  const float covector_length = length(covector);
+  degenerate_ = !(covector_length > 0);
+  if (!degenerate_) ng_ = covector * (1 / covector_length);
+  smooth_ = !diced.normals.empty();
+  if (!smooth_) return;
+  const Vec3f n0 = diced.normals[corners.i0];
+  n_ = to_prototype.transposedVector(n0);
+  dn1_ = to_prototype.transposedVector(diced.normals[corners.i1] - n0);
+  dn2_ = to_prototype.transposedVector(diced.normals[corners.i2] - n0);
+}
+
+SurfacePoint TracedTriangle::surface(const Hit& hit, Vec3f direction) const {
+  SurfacePoint point;
+  point.position = instance_->to_world.point(p0_ + (edge1_ * hit.b1 + edge2_ * hit.b2));
+  point.e1 = e1_, point.e2 = e2_;
+  point.ng = degenerate_ ? -direction : ng_;
+  point.side = dot(point.ng, direction) > 0 ? 1 : 0;
+  point.ns = point.ng;
+  if (smooth_) {
+    const Vec3f n = n_ + (dn1_ * hit.b1 + dn2_ * hit.b2);
+    const float size = length(n);
+    if (dot(n, point.ng) > 0 && std::isfinite(size)) {  // else it is useless
+      const float factor = 1 / size;
+      point.ns = n * factor;
+      point.dn1 = (dn1_ - point.ns * dot(point.ns, dn1_)) * factor;
+      point.dn2 = (dn2_ - point.ns * dot(point.ns, dn2_)) * factor;
+    }
+  }
+  point.primitive = primitive_;
+  point.material = material_;
+  const Vec2f uv = uv_ + (duv1_ * hit.b1 + duv2_ * hit.b2);
+  point.uv = {std::clamp(uv.x, 0.0f, 1.0f) * scale_.x, std::clamp(uv.y, 0.0f, 1.0f) * scale_.y};
+  return point;
 }
 
 // Follows PBR 4th ed., §6.8: point = p0 + (b1 e1 + b2 e2) in prototype space, then transformed; every
 // rounding is bounded to first order. To that comes what Embree's own transform of a ray that starts here,
 // and its test against this triangle, may add.
-Vec3f TraceScene::positionError(const Hit& hit, const SurfacePoint& point) const {
-  const TracedInstance& instance = impl_->instances[hit.instance];
-  const DicedMesh& diced = *impl_->meshOf(hit).diced;
-  const Corners corners(diced, hit.triangle);
-  const Vec3f p0 = diced.positions[corners.i0];
-  const Vec3f edge1 = diced.positions[corners.i1] - p0, edge2 = diced.positions[corners.i2] - p0;
-  const Vec3f local = p0 + (edge1 * hit.b1 + edge2 * hit.b2);
-  const Vec3f from_corner = absolute(edge1) * hit.b1 + absolute(edge2) * hit.b2;
+Vec3f TracedTriangle::positionError(const Hit& hit, const SurfacePoint& point) {
+  if (!has_plane_error_) fillPlaneError();
+  const TracedInstance& instance = *instance_;
+  const Vec3f local = p0_ + (edge1_ * hit.b1 + edge2_ * hit.b2);
+  const Vec3f from_corner = absolute(edge1_) * hit.b1 + absolute(edge2_) * hit.b2;
 
   const Affine3f& m = instance.to_world;
   const Affine3f magnitude{absolute(m.ex), absolute(m.ey), absolute(m.ez), absolute(m.origin)};
   const Vec3f local_error = absolute(local) * gammaf(1) + from_corner * gammaf(5);
   const Vec3f reach = absolute(point.position) + magnitude.origin + absolute(point.e1) + absolute(point.e2);
-  Vec3f error =
-      magnitude.point(absolute(local)) * gammaf(4) + magnitude.vector(local_error) +
-      Vec3f{dot(instance.ray_error_x, reach), dot(instance.ray_error_y, reach), dot(instance.ray_error_z, reach)};
-  // A distance along the prototype-space normal, seen along the world-space one.
-  const LocalTriangle triangle(edge1, edge2);
-  const float covector_length = length(instance.to_prototype.transposedVector(triangle.normal));
-  if (covector_length > 0) {
-    const float stretch = triangle.scale * length(triangle.normal) / covector_length;
-    error += absolute(point.ng) * (triangle.planeError() * stretch);
-  }
-  return error;
+  return magnitude.point(absolute(local)) * gammaf(4) + magnitude.vector(local_error) +
+         Vec3f{dot(instance.ray_error_x, reach), dot(instance.ray_error_y, reach), dot(instance.ray_error_z, reach)} +
+         plane_error_;
+}
+
+// A distance along the prototype-space normal, seen along the world-space one.
+void TracedTriangle::fillPlaneError() {
+  has_plane_error_ = true;
+  if (degenerate_) return;
+  const LocalTriangle triangle(edge1_, edge2_);
+  const float covector_length = length(instance_->to_prototype.transposedVector(triangle.normal));
+  const float stretch = triangle.scale * length(triangle.normal) / covector_length;
+  plane_error_ = absolute(ng_) * (triangle.planeError() * stretch);
+}
+
+void TracedTriangle::fillGradients() {
+  has_gradients_ = true;
+  const Vec3d a = toDouble(e1_), b = toDouble(e2_), n = cross(a, b);
+  const double area2 = dot(n, n);
+  if (!(area2 > 0)) return;
+  of_b1_ = toFloat(cross(b, n) / area2), of_b2_ = toFloat(cross(n, a) / area2);
+}
+
+Vec3f TraceScene::positionError(const Hit& hit, const SurfacePoint& point) const {
+  return TracedTriangle(*this, hit).positionError(hit, point);
 }
 
 SurfacePoint TraceScene::surface(const Hit& hit, Vec3f direction, bool with_error) const {
-  const TracedInstance& instance = impl_->instances[hit.instance];
-  const TracedMesh& mesh = impl_->meshOf(hit);
-  const DicedMesh& diced = *mesh.diced;
-  const Corners corners(diced, hit.triangle);
-  const Affine3f& m = instance.to_world;
-
-  SurfacePoint point;
-  const Vec3f p0 = diced.positions[corners.i0];
-  const Vec3f edge1 = diced.positions[corners.i1] - p0, edge2 = diced.positions[corners.i2] - p0;
-  const Vec3f local = p0 + (edge1 * hit.b1 + edge2 * hit.b2);
-  point.position = m.point(local);
-  point.e1 = m.vector(edge1), point.e2 = m.vector(edge2);
-
-  const LocalTriangle triangle(edge1, edge2);
-  const Vec3f covector = instance.to_prototype.transposedVector(triangle.normal);
-  const float covector_length = length(covector);
-  point.ng = covector_length > 0 ? covector * (1 / covector_length) : -direction;
-  point.side = dot(point.ng, direction) > 0 ? 1 : 0;
-  shadingNormal(point, diced, corners, instance.to_prototype, hit.b1, hit.b2);
-  if (with_error) point.position_error = positionError(hit, point);
-
-  const uint32_t primitive = diced.triangle_primitive[hit.triangle];
-  point.primitive = mesh.first_primitive + primitive;
-  point.material = resolveMaterial(instance, mesh, primitive);
-  const Vec2f uv = corners.interpolate(diced.uv, hit.b1, hit.b2);
-  const Vec2f scale = impl_->parameterScale(hit.instance, point.primitive);
-  point.uv = {std::clamp(uv.x, 0.0f, 1.0f) * scale.x, std::clamp(uv.y, 0.0f, 1.0f) * scale.y};
+  TracedTriangle triangle(*this, hit);
+  SurfacePoint point = triangle.surface(hit, direction);
+  if (with_error) point.position_error = triangle.positionError(hit, point);
   return point;
 }
 

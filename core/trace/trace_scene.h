@@ -74,6 +74,7 @@ class TraceScene {
 
  private:
   friend class PacketTracer;
+  friend class TracedTriangle;
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

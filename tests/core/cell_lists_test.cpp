@@ -89,11 +89,8 @@ TEST_F(CellListsTest, HardShapesOfManySamplesEnd) {
 }
 
 TEST_F(CellListsTest, AMillionSamplesAtOnePoint) {
-  expectExact(maker_.placed("a million at one point", 1'000'000,
-                            [](uint32_t) {
-                              return Vec2f{0.3f, 0.7f};
-                            }),
-              100'000, 1009);
+  expectExact(maker_.placed("a million at one point", 1'000'000, [](uint32_t) { return Vec2f{0.3f, 0.7f}; }), 100'000,
+              1009);
 }
 
 TEST_F(CellListsTest, ExtremesAndMixture) {
@@ -104,11 +101,8 @@ TEST_F(CellListsTest, ExtremesAndMixture) {
 // Densities that vary by a million and more, in one and in both coordinates.
 TEST_F(CellListsTest, ExponentialDensities) {
   const auto falling = [this] { return std::exp2(-20 * maker_.unit()); };
-  expectExact(maker_.placed("falling in u", 30'000,
-                            [&](uint32_t) {
-                              return Vec2f{falling(), maker_.unit()};
-                            }),
-              2000, 7);
+  expectExact(maker_.placed("falling in u", 30'000, [&](uint32_t) { return Vec2f{falling(), maker_.unit()}; }), 2000,
+              7);
   expectExact(maker_.placed("falling in both", 30'000, [&](uint32_t) { return Vec2f{falling(), falling()}; }), 2000, 7);
 }
 

@@ -18,9 +18,7 @@ Settings frame(uint32_t width, uint32_t height, uint32_t samples) {
 }
 
 // Three layers at the usual rate.
-PlanInput threeLayers() {
-  return {{{2, Search::Groups}, {2, Search::Cells}, {2, Search::Cells}}};
-}
+PlanInput threeLayers() { return {{{2, Search::Groups}, {2, Search::Cells}, {2, Search::Cells}}}; }
 
 TEST(MemoryPlan, StaysWithinTheBudget) {
   for (const uint64_t budget : {1024 * kMebibyte, 8192 * kMebibyte, 16384 * kMebibyte})

@@ -76,11 +76,8 @@ TEST_F(NearestNeighbourTest, HardShapesOfManySamplesEnd) {
 }
 
 TEST_F(NearestNeighbourTest, AMillionSamplesAtOnePoint) {
-  expectExact(maker_.placed("a million at one point", 1'000'000,
-                            [](uint32_t) {
-                              return Vec2f{0.3f, 0.7f};
-                            }),
-              100'000, 1009);
+  expectExact(maker_.placed("a million at one point", 1'000'000, [](uint32_t) { return Vec2f{0.3f, 0.7f}; }), 100'000,
+              1009);
 }
 
 TEST_F(NearestNeighbourTest, ExtremesAndMixture) {

@@ -147,11 +147,8 @@ TEST_F(PixelGroupsTest, HardShapesOfManySamplesEnd) {
 }
 
 TEST_F(PixelGroupsTest, AMillionSamplesAtOnePoint) {
-  expectExact(maker_.placed("a million at one point", 1'000'000,
-                            [](uint32_t) {
-                              return Vec2f{0.3f, 0.7f};
-                            }),
-              30'000, 10'007);
+  expectExact(maker_.placed("a million at one point", 1'000'000, [](uint32_t) { return Vec2f{0.3f, 0.7f}; }), 30'000,
+              10'007);
 }
 
 TEST_F(PixelGroupsTest, ExtremesAndMixture) {
@@ -172,21 +169,12 @@ TEST_F(PixelGroupsTest, HorizonOfHalfAMillionSamples) {
 // Distances from 1 down to the smallest numbers, so that every refinement meets the next crowd.
 TEST_F(PixelGroupsTest, CrowdsWithinCrowds) {
   const auto crowd = [&](float decades) { return std::pow(10.0f, -decades * maker_.unit()); };
-  expectExact(maker_.placed("30 decades in u", 20'000,
-                            [&](uint32_t) {
-                              return Vec2f{crowd(30), maker_.unit()};
-                            }),
-              5000, 101);
-  expectExact(maker_.placed("30 decades in both", 20'000,
-                            [&](uint32_t) {
-                              return Vec2f{crowd(30), crowd(30)};
-                            }),
-              1500, 101);
-  expectExact(maker_.placed("44 decades in both", 20'000,
-                            [&](uint32_t) {
-                              return Vec2f{crowd(44), crowd(44)};
-                            }),
-              1500, 101);
+  expectExact(maker_.placed("30 decades in u", 20'000, [&](uint32_t) { return Vec2f{crowd(30), maker_.unit()}; }), 5000,
+              101);
+  expectExact(maker_.placed("30 decades in both", 20'000, [&](uint32_t) { return Vec2f{crowd(30), crowd(30)}; }), 1500,
+              101);
+  expectExact(maker_.placed("44 decades in both", 20'000, [&](uint32_t) { return Vec2f{crowd(44), crowd(44)}; }), 1500,
+              101);
   expectExact(maker_.placed("crowds at many places", 60'000,
                             [&](uint32_t) {
                               const float at = float(maker_.below(5)) * 0.2f;
@@ -282,11 +270,7 @@ TEST(PixelGroupsBytesTest, BoundsWhatAnIndexAllocates) {
   for (uint32_t i = 0; i < n; ++i) alone.add({0, i}, maker.uv());
   const std::vector<twin::Samples> cases = {
       alone, maker.onOnePrimitive(n).samples,
-      maker.placed("crowds", n,
-                   [&](uint32_t) {
-                     return Vec2f{crowd(), crowd()};
-                   })
-          .samples,
+      maker.placed("crowds", n, [&](uint32_t) { return Vec2f{crowd(), crowd()}; }).samples,
       maker.placed("half a crowd", n, [&](uint32_t i) { return i % 2 ? maker.uv() : 0.001f * maker.uv(); }).samples};
   for (const twin::Samples& samples : cases) {
     const auto device = Device::create({.validation = true});

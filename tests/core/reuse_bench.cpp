@@ -163,8 +163,7 @@ class Bench {
         for (uint32_t i = 0; i < aa.count; ++i) aa.shade.host()[i] = i % c.every == 0 ? kShadeNotFound : 0;
         aa.shade.toDevice();
       };
-      measure(
-          c.kernel, screen, c.on, aa.count, [&] { kernels_.serveFailures(aa, 0, c.share); }, prepare);
+      measure(c.kernel, screen, c.on, aa.count, [&] { kernels_.serveFailures(aa, 0, c.share); }, prepare);
     }
   }
 

@@ -185,20 +185,12 @@ TEST_F(SampleGridTest, HardShapes) {
 // Coordinates that all but vanish, and extents whose product or quotient is beyond what floats can hold.
 TEST_F(SampleGridTest, SmallestExtents) {
   const auto power = [&](float exponent) { return std::pow(10.0f, exponent * maker_.unit()); };
-  expectRight(maker_.placed("down to the smallest numbers", 5000,
-                            [&](uint32_t) {
-                              return Vec2f{power(-44), power(-38)};
-                            }),
-              2);
-  expectRight(maker_.placed("1 by 1e-29", 5000,
-                            [&](uint32_t) {
-                              return Vec2f{maker_.unit(), 1e-29f * maker_.unit()};
-                            }),
+  expectRight(
+      maker_.placed("down to the smallest numbers", 5000, [&](uint32_t) { return Vec2f{power(-44), power(-38)}; }), 2);
+  expectRight(maker_.placed("1 by 1e-29", 5000, [&](uint32_t) { return Vec2f{maker_.unit(), 1e-29f * maker_.unit()}; }),
               2);
   expectRight(maker_.placed("1e-20 by 1e-25", 5000,
-                            [&](uint32_t) {
-                              return Vec2f{1e-20f * maker_.unit(), 1e-25f * maker_.unit()};
-                            }),
+                            [&](uint32_t) { return Vec2f{1e-20f * maker_.unit(), 1e-25f * maker_.unit()}; }),
               2);
 }
 

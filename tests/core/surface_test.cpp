@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "core/trace/trace_scene.h"
+#include "core/trace/traced_triangle.h"
 #include "shapes.h"
 
 namespace encore {
@@ -228,6 +229,34 @@ TEST(Surface, ChangesAgreeWithFiniteDifferences) {
   }
   SurfacePoint degenerate;
   EXPECT_EQ(degenerate.barycentricChange({1, 0, 0}), Vec2f{});
+}
+
+// More triangles than there is room for, in an order in which they come back.
+TEST(TriangleCache, AgreesWithSurface) {
+  Stage stage;
+  const uint32_t prototype = stage.addPrototype({stage.addMesh(test::sphere(16)), stage.addMesh(test::sphere(12))});
+  stage.addInstance(prototype, test::translation({1, 2, 3}) * test::scaling({0.5, -2, 1}));
+  stage.addInstance(prototype, test::rotation({0, 0, 1}, 0.7));
+  const TraceScene trace(stage.scene, stage.diced);
+  TriangleCache cache(trace);
+  Stream stream(9);
+  for (int i = 0; i < 20000; ++i) {
+    const uint32_t mesh = i / 7 % 2;
+    const uint32_t triangle = uint32_t(stream.next() * float(stage.diced[mesh].triangleCount() - 1));
+    const float b1 = stream.next(), b2 = stream.next() * (1 - b1);
+    const Hit hit{uint32_t(i / 5 % 2), mesh, triangle, b1, b2, 1};
+    const Vec3f direction = stream.onSphere();
+    const SurfacePoint a = trace.surface(hit, direction), b = cache.triangle(hit).surface(hit, direction);
+    ASSERT_EQ(a.position, b.position);
+    ASSERT_TRUE(a.ng == b.ng && a.ns == b.ns && a.dn1 == b.dn1 && a.dn2 == b.dn2 && a.uv == b.uv);
+    ASSERT_TRUE(a.side == b.side && a.primitive == b.primitive && a.material == b.material);
+    ASSERT_EQ(cache.triangle(hit).positionError(hit, b), a.position_error);
+    ASSERT_EQ(trace.positionError(hit, b), a.position_error);
+    const Vec3f dp = a.e1 * stream.next(-1, 1) + a.e2 * stream.next(-1, 1);
+    const Vec2f exact = a.barycentricChange(dp), change = cache.triangle(hit).barycentricChange(dp);
+    ASSERT_NEAR(change.x, exact.x, 1e-5f);
+    ASSERT_NEAR(change.y, exact.y, 1e-5f);
+  }
 }
 
 TEST(Surface, ParametersStayInTheUnitSquare) {

@@ -225,6 +225,51 @@ TEST(Wavefront, DependsNeitherOnThreadsNorOnTheBatch) {
   for (size_t i = 0; i < 3; ++i) EXPECT_TRUE(sameBytes(results[i], results[i + 3]));
 }
 
+// Outputs hold what vertices do, and vertices are complete where paths end on a surface.
+TEST(Wavefront, OutputsAgreeWithVertices) {
+  for (const bool lights_seen : {false, true})
+    for (const bool footprints : {false, true}) {
+      World world;
+      mix(world);
+      world.settings.dome_light_visible = lights_seen;
+      if (footprints) world.settings.footprint_reuse = FootprintReuse::Metric;
+      world.build();
+      Batch batch = film(world, 8);
+      for (const Layer layer : {Layer::Direct, Layer::Reflection, Layer::Refraction}) {
+        follow(world, layer, batch);
+        const size_t count = batch.first.size();
+        std::vector<SurfaceKey> key(count, {1, 1});  // remains of another batch
+        std::vector<Vec2f> uv(count, {2, 2});
+        std::vector<Vec3f> throughput(count, {3, 3, 3});
+        std::vector<float> footprint(count, 4);
+        std::vector<PathVertex> lean(count, batch.vertices.back());
+        SampleOutputs out{key, uv, throughput, {}};
+        if (footprints) out.footprint = footprint;
+        uint64_t on_surface = 0;
+        const uint64_t counted = tracePaths(world.context(), world.camera(), layer, batch.first, batch.ends, lean, out);
+        for (size_t i = 0; i < count; ++i) {
+          const PathVertex &v = batch.vertices[i], &w = lean[i];
+          ASSERT_TRUE(key[i].instance == v.key.instance && key[i].primitive_side == v.key.primitive_side) << i;
+          ASSERT_TRUE(uv[i] == v.uv && throughput[i] == v.throughput) << i;
+          if (footprints) {
+            ASSERT_EQ(footprint[i], v.footprint);
+          }
+          if (!v.hit.valid()) continue;
+          ++on_surface;
+          ASSERT_TRUE(w.hit.instance == v.hit.instance && w.hit.triangle == v.hit.triangle && w.hit.b1 == v.hit.b1 &&
+                      w.hit.b2 == v.hit.b2 && w.direction == v.direction && w.throughput == v.throughput &&
+                      w.pixel == v.pixel && w.sample == v.sample);
+          if (footprints) {
+            ASSERT_TRUE(w.dpdx == v.dpdx && w.dpdy == v.dpdy);
+          }
+        }
+        EXPECT_EQ(counted, on_surface);
+        EXPECT_GT(counted, 100u);
+        EXPECT_LT(counted, count);
+      }
+    }
+}
+
 // Inputs that vary: a metal that takes its colour from the mesh, beside one of constant colour.
 TEST(Wavefront, EvaluatesVaryingPathInputsWhereTheyAreNeeded) {
   World world;

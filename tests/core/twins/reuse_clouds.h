@@ -63,59 +63,24 @@ class CloudMaker {
   std::vector<Cloud> hardShapes(uint32_t count) {
     const auto cube = [](float x) { return x * x * x; };
     return {
-        placed("all at one point", count,
-               [](uint32_t) {
-                 return Vec2f{0.3f, 0.7f};
-               }),
-        placed("all at one corner", count,
-               [](uint32_t) {
-                 return Vec2f{1, 0};
-               }),
-        placed("line of constant u", count,
-               [&](uint32_t) {
-                 return Vec2f{0.25f, unit()};
-               }),
-        placed("line of constant v", count,
-               [&](uint32_t) {
-                 return Vec2f{unit(), 0.75f};
-               }),
+        placed("all at one point", count, [](uint32_t) { return Vec2f{0.3f, 0.7f}; }),
+        placed("all at one corner", count, [](uint32_t) { return Vec2f{1, 0}; }),
+        placed("line of constant u", count, [&](uint32_t) { return Vec2f{0.25f, unit()}; }),
+        placed("line of constant v", count, [&](uint32_t) { return Vec2f{unit(), 0.75f}; }),
         placed("diagonal", count,
                [&](uint32_t) {
                  const float t = unit();
                  return Vec2f{t, t};
                }),
-        placed("cross", count,
-               [&](uint32_t i) {
-                 return i % 2 ? Vec2f{0.5f, unit()} : Vec2f{unit(), 0.5f};
-               }),
-        placed("borders", count,
-               [&](uint32_t) {
-                 return Vec2f{float(below(2)), float(below(3)) / 2};
-               }),
+        placed("cross", count, [&](uint32_t i) { return i % 2 ? Vec2f{0.5f, unit()} : Vec2f{unit(), 0.5f}; }),
+        placed("borders", count, [&](uint32_t) { return Vec2f{float(below(2)), float(below(3)) / 2}; }),
         placed("border lines", count,
-               [&](uint32_t i) {
-                 return i % 2 ? Vec2f{float(below(2)), unit()} : Vec2f{unit(), float(below(2))};
-               }),
-        placed("uneven", count,
-               [&](uint32_t) {
-                 return Vec2f{cube(cube(unit())), cube(unit())};
-               }),
-        placed("thin", count,
-               [&](uint32_t) {
-                 return Vec2f{unit(), unit() * 1e-5f};
-               }),
-        placed("tiny", count,
-               [&](uint32_t) {
-                 return Vec2f{0.5f + unit() * 1e-6f, unit() * 1e-6f};
-               }),
-        placed("regular grid", count,
-               [&](uint32_t i) {
-                 return Vec2f{float(i * 7 % 32) / 32, float(i % 31) / 32};
-               }),
-        placed("few places", count,
-               [&](uint32_t) {
-                 return Vec2f{float(below(4)) / 4, float(below(5)) / 8};
-               }),
+               [&](uint32_t i) { return i % 2 ? Vec2f{float(below(2)), unit()} : Vec2f{unit(), float(below(2))}; }),
+        placed("uneven", count, [&](uint32_t) { return Vec2f{cube(cube(unit())), cube(unit())}; }),
+        placed("thin", count, [&](uint32_t) { return Vec2f{unit(), unit() * 1e-5f}; }),
+        placed("tiny", count, [&](uint32_t) { return Vec2f{0.5f + unit() * 1e-6f, unit() * 1e-6f}; }),
+        placed("regular grid", count, [&](uint32_t i) { return Vec2f{float(i * 7 % 32) / 32, float(i % 31) / 32}; }),
+        placed("few places", count, [&](uint32_t) { return Vec2f{float(below(4)) / 4, float(below(5)) / 8}; }),
         placed("circle", count,
                [&](uint32_t) {
                  const float t = 6.2831853f * unit();
