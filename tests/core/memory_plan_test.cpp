@@ -21,7 +21,7 @@ Settings frame(uint32_t width, uint32_t height, uint32_t samples) {
 PlanInput threeLayers() { return {{{2, Search::Groups}, {2, Search::Cells}, {2, Search::Cells}}}; }
 
 TEST(MemoryPlan, StaysWithinTheBudget) {
-  for (const uint64_t budget : {1024 * kMebibyte, 8192 * kMebibyte, 16384 * kMebibyte})
+  for (const uint64_t budget : {1024 * kMebibyte, 4096 * kMebibyte, 16384 * kMebibyte})
     for (const uint32_t samples : {1u, 4u, 11u, 23u}) {
       const MemoryPlan plan = planMemory(frame(1920, 1080, samples), threeLayers(), budget);
       EXPECT_GE(plan.blocks_per_batch, 1u);
@@ -88,7 +88,7 @@ TEST(MemoryPlan, ReferenceNeedsNoTrees) {
 }
 
 TEST(MemoryPlan, DefaultBudgetIsHalfOfWhatThereIs) {
-  EXPECT_EQ(defaultMemoryBudget(false, 8192 * kMebibyte), 8192 * kMebibyte);
+  EXPECT_EQ(defaultMemoryBudget(false, 8192 * kMebibyte), 4096 * kMebibyte);
   EXPECT_GT(defaultMemoryBudget(true, 0), 0u);
 }
 
