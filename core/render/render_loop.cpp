@@ -14,6 +14,7 @@
 #include <optional>
 
 #include "core/dice/dice.h"
+#include "core/path/footprint.h"
 #include "core/pattern/patterns.h"
 #include "core/render/layer_search.h"
 #include "core/render/memory_plan.h"
@@ -30,9 +31,6 @@
 
 namespace encore {
 namespace {
-
-// Key words have 6 bits for the octave of a footprint (core/path).
-constexpr size_t kMostInstancesWithOctaves = size_t{1} << 26;
 
 // Share of a tile's progress that its shading rays count for: about half of the time where shading dominates.
 constexpr double kSeedShare = 0.5;
@@ -101,8 +99,8 @@ class FrameRenderer {
   }
 
   void plan() {
-    if (settings_.footprint_reuse == FootprintReuse::Octaves && scene_.instances.size() > kMostInstancesWithOctaves)
-      throw Error(ErrorKind::Setting, "'octaves' has room for " + text(kMostInstancesWithOctaves) + " instances",
+    if (settings_.footprint_reuse == FootprintReuse::Octaves && scene_.instances.size() > kOctaveInstances)
+      throw Error(ErrorKind::Setting, "'octaves' has room for " + text(kOctaveInstances) + " instances",
                   "footprint_reuse", "Choose metric or ignore for this scene");
     PlanInput input;
     for (const Layer layer : layers_) {
