@@ -41,16 +41,14 @@ struct SurfaceKey {
 //   shade       index of the radiance it is given, or one of kShade*
 //   film position  offset within the pixel in units of 2^-16: x in the low, y (down) in the high half
 
-// A point at which pattern networks are evaluated. Writer: core/shade, core/path. Reader: shaders/pattern.
+// A point at which pattern networks are evaluated. Writer: core/trace/pattern_points. Reader: shaders/pattern.
+// What the material's network reads there is a run of floats (core/pattern/patterns.h, PointLayout).
 struct PatternPoint {
   uint material;
-  vec2 st;     // the material's texture coordinates
-  vec2 dstdx;  // their change over one pixel in x
-  vec2 dstdy;  // and in y
-  vec3 color;  // primvar displayColor
+  uint first;  // of its floats
 };
 
-// Outputs of the two parts of a material's network (design §2, "Where things run").
+// Outputs of the parts of a material's network (design §2, "Where things run").
 struct ShadingInputs {
   vec3 diffuse_color;
   vec3 emissive_color;
@@ -64,11 +62,19 @@ struct PathInputs {
   float clearcoat_roughness;
   float opacity;
   float ior;
+  vec3 normal;  // in the tangent frame; (0, 0, 1): the surface's own
+};
+struct OpacityInputs {
+  float opacity;
+};
+struct DisplacementInputs {
+  vec3 offset;         // in the mesh's space
+  float along_normal;  // and along its normal, in its units
 };
 
 #ifdef __cplusplus
-static_assert(sizeof(SurfaceKey) == 8 && sizeof(PatternPoint) == 40);
-static_assert(sizeof(ShadingInputs) == 24 && sizeof(PathInputs) == 48);
+static_assert(sizeof(SurfaceKey) == 8 && sizeof(PatternPoint) == 8);
+static_assert(sizeof(ShadingInputs) == 24 && sizeof(PathInputs) == 60 && sizeof(DisplacementInputs) == 16);
 }  // namespace encore
 #endif
 #endif

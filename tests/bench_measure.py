@@ -19,7 +19,9 @@ from rendering import ROOT, render, rmse, total
 
 sys.path.insert(0, str(ROOT / "examples" / "paper"))
 import make_car
+import make_magnifying_glass
 import make_mirror_and_glass
+import make_rolling_balls
 
 FOLDER = ROOT / "build" / "bench"  # scenes and truth, which are made once
 
@@ -51,7 +53,12 @@ class Scene:
         return render(self.stage, *self.size, **{"shading_rate": 2.0, "seed": 1, **self.settings, **settings})
 
 
-SCENES = ("still_life", "mirror_and_glass", "car", "car_full")
+SCENES = ("still_life", "mirror_and_glass", "car", "car_full", "magnifying_glass", "rolling_balls")
+MAKERS = {
+    "mirror_and_glass": make_mirror_and_glass.make,
+    "magnifying_glass": make_magnifying_glass.make,
+    "rolling_balls": make_rolling_balls.make,
+}
 
 
 def load(name: str, arguments: argparse.Namespace) -> Scene:
@@ -61,7 +68,7 @@ def load(name: str, arguments: argparse.Namespace) -> Scene:
         stage = Usd.Stage.Open(str(ROOT / "examples" / "still_life.usda"))
         width, height, settings = 480, 270, {"samples": 11}
     else:
-        make = make_mirror_and_glass.make if name == "mirror_and_glass" else make_car.make
+        make = MAKERS.get(name, make_car.make)
         quick = arguments.quick or name == "car"
         path = FOLDER / f"{name}_quick.usdc" if quick else FOLDER / f"{name}.usdc"
         FOLDER.mkdir(parents=True, exist_ok=True)

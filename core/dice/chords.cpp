@@ -35,6 +35,27 @@ bool Spacing::refine(const ChordLengths& chords) {
   return true;
 }
 
+bool Spacing::stretch(ChordLengths chords, double most_rate) {
+  for (size_t i = 0; i < chords.longest.size(); ++i) {
+    const double parts = std::max(1.0, std::floor((parameters_[i + 1] - parameters_[i]) * most_rate + 1e-6));
+    chords.longest[i] = std::min(chords.longest[i], allowed_ * parts);
+  }
+  const double longest = chords.most();
+  if (!(longest > allowed_)) return false;
+  if (uniform_ && rate() * (longest / allowed_) <= kUniformWaste * std::ceil(evenRate(chords)) + 2)
+    return refineUniformly(longest);
+  uniform_ = false;
+  Parameters refined;
+  for (size_t i = 0; i + 1 < parameters_.size(); ++i) {
+    const uint32_t parts = toRate(chords.longest[i] / allowed_);
+    for (uint32_t k = 0; k < parts; ++k)
+      refined.push_back(parameters_[i] + (parameters_[i + 1] - parameters_[i]) * k / parts);
+  }
+  refined.push_back(1);
+  parameters_ = std::move(refined);
+  return true;
+}
+
 bool Spacing::refineUniformly(double longest) {
   if (!(longest > allowed_) || rate() >= kMaxRate) return false;
   setUniform(std::max(rate() + 1.0, rate() * (longest / allowed_)));
@@ -60,23 +81,23 @@ GridChords gridChords(const LimitSurface& surface, int32_t corner, DomainShape s
   chords.u.longest.assign(u.size() - 1, 0);
   chords.v.longest.assign(v.size() - 1, 0);
   std::vector<double> column(u.size(), 0);  // lengths so far
-  std::vector<Vec3f> row(u.size()), below(u.size());
+  const size_t poses = surface.poses();
+  std::vector<Vec3f> row(u.size() * poses), below(u.size() * poses);
   for (size_t j = 0; j < v.size(); ++j) {
     double line = 0;
     for (size_t i = 0; i < (quad ? u.size() : u.size() - j); ++i) {
-      double p[3];
-      surface.evaluate(corner, {u[i], v[j]}, p);
-      row[i] = toFloat(Vec3d{p[0], p[1], p[2]});
+      Vec3f* p = &row[i * poses];
+      surface.positions(corner, {u[i], v[j]}, p);
       if (i > 0) {
-        const double along = chord(row[i - 1], row[i]);
+        const double along = chord(p - poses, p, poses);
         chords.u.longest[i - 1] = std::max(chords.u.longest[i - 1], along);
         line += along;
       }
       if (j > 0) {
-        const double along = chord(below[i], row[i]);
+        const double along = chord(&below[i * poses], p, poses);
         chords.v.longest[j - 1] = std::max(chords.v.longest[j - 1], along);
         column[i] += along;
-        if (!quad) chords.across = std::max(chords.across, chord(below[i + 1], row[i]));
+        if (!quad) chords.across = std::max(chords.across, chord(&below[(i + 1) * poses], p, poses));
       }
     }
     chords.u.line = std::max(chords.u.line, line);

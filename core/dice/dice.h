@@ -11,6 +11,8 @@
 
 namespace encore {
 
+class Patterns;
+
 // Triangles of one mesh, ready to trace. Every primitive owns its vertices, so that everything is per
 // vertex; positions along an edge that two primitives share are bit-identical (no cracks).
 // Triangles wind so that cross(p1 - p0, p2 - p0) points to the outside (orientation respected).
@@ -20,10 +22,15 @@ struct DicedMesh {
   std::vector<Vec2f> uv;                      // parametric coordinates within the primitive, in [0, 1]²
   std::vector<std::vector<Vec2f>> texcoords;  // per vertex, in the order of Mesh::texcoords
   std::vector<Vec3f> display_color;           // per vertex, or empty
-  std::vector<uint32_t> triangles;            // 3 indices per triangle
-  std::vector<uint32_t> triangle_primitive;   // per triangle
-  std::vector<uint32_t> primitive_face;       // per primitive: base face (before quadrangulation)
-  uint64_t micropolygons = 0;                 // quads of grids, and undiced faces as one each
+  std::vector<std::vector<Vec4f>> primvars;   // per vertex, in the order of Mesh::primvars
+  // At uniform times over the shutter, as many as Mesh::motion_points; empty: still. positions and normals are those
+  // of the frame's time. Normals are empty where the mesh is faceted.
+  std::vector<std::vector<Vec3f>> motion_positions, motion_normals;
+  std::vector<uint32_t> triangles;           // 3 indices per triangle
+  std::vector<uint32_t> triangle_primitive;  // per triangle
+  std::vector<uint32_t> primitive_face;      // per primitive: base face (before quadrangulation)
+  uint64_t micropolygons = 0;                // quads of grids, and undiced faces as one each
+  uint64_t lost_displacements = 0;           // values that were not finite, and count as 0
 
   size_t triangleCount() const { return triangle_primitive.size(); }
   size_t primitiveCount() const { return primitive_face.size(); }
@@ -53,10 +60,16 @@ float defaultEdgeLength(float mesh_diagonal_world, float scene_diagonal_world,
 // Precondition: validateMesh(mesh).
 DicedMesh diceMesh(const Mesh& mesh, float edge_length, uint64_t max_micropolygons);
 
-// Dices every mesh of the scene at its resolved edge length, in parallel, deterministically.
-// Meshes whose every face is undiced ignore the length; meshes that no instance shows come back empty.
-// Returned in the order of scene.meshes. max_micropolygons bounds the sum over the meshes.
-// Errors as diceMesh: that of the first mesh that has one.
-std::vector<DicedMesh> diceScene(const Scene& scene, const Settings& settings);
+// Dices every mesh of the scene at its resolved edge length, in parallel, deterministically. Rates hold at all times
+// of the shutter, so that topology is constant.
+// patterns: displace meshes whose materials say so (§3.4): vertices that faces share move to one place, whatever
+// their texture coordinates say on each face, and normals are those of the displaced surface. Polygons that are not
+// subdivided are diced where they are displaced. An instance that overrides the material does not change the
+// displacement, which is that of the mesh's own materials. Null: nothing is displaced. Edges of displaced grids keep
+// the length within 5 %, unless the displacement is so steep that a rate of 8 times the undisplaced one is not enough,
+// or so rough that three rounds of measuring miss some of it. Meshes whose every face is undiced ignore the length;
+// meshes that no instance shows come back empty. Returned in the order of scene.meshes. max_micropolygons bounds the
+// sum over the meshes. Errors as diceMesh: that of the first mesh that has one.
+std::vector<DicedMesh> diceScene(const Scene& scene, const Settings& settings, Patterns* patterns = nullptr);
 
 }  // namespace encore

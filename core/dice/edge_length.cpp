@@ -49,6 +49,11 @@ double meanBaseEdge(const Mesh& mesh) {
 struct ScaleRange {
   double least = std::numeric_limits<double>::max(), largest = 0;
 
+  void add(double scale) {
+    least = std::min(least, scale);
+    largest = std::max(largest, scale);
+  }
+
   // See resolvedEdgeLengths. The tolerances forgive what rotations do to the last bits.
   double forDicing() const {
     if (largest <= least * (1 + 1e-4)) return largest;
@@ -90,10 +95,13 @@ std::vector<float> resolvedEdgeLengths(const Scene& scene, const Settings& setti
   std::vector<ScaleRange> scales(scene.meshes.size());
   Box world;
   for (const Instance& instance : scene.instances) {
-    const double scale = largestScale(instance.to_world);
+    ScaleRange range;
+    range.add(largestScale(instance.to_world));
+    // Between keys, scales are at most those at the keys: matrices are interpolated linearly.
+    for (const Affine3d& key : instance.motion) range.add(largestScale(key));
     for (const uint32_t mesh : scene.prototypes[instance.prototype].meshes) {
-      scales[mesh].least = std::min(scales[mesh].least, scale);
-      scales[mesh].largest = std::max(scales[mesh].largest, scale);
+      scales[mesh].add(range.least);
+      scales[mesh].add(range.largest);
       world.add(bounds[mesh], instance.to_world);
     }
   }

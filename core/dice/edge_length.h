@@ -9,7 +9,7 @@
 namespace encore {
 
 // Per mesh, in prototype space: its own target edge length, else the frame's, else the default, divided by
-// its largest scale over all instances. Where instances scale it differently, the scale is rounded up to a
+// its largest scale over all instances and their motion. Where those scale it differently, the scale is rounded up to a
 // power of two, so that one growing or shrinking instance does not change the dicing of every frame.
 // 0 for meshes that no instance shows.
 std::vector<float> resolvedEdgeLengths(const Scene& scene, const Settings& settings);

@@ -3,9 +3,11 @@
 #include <opensubdiv/far/topologyDescriptor.h>
 
 #include <algorithm>
+#include <array>
 #include <string>
 #include <utility>
 
+#include "core/dice/poses.h"
 #include "core/scene/error.h"
 
 namespace encore {
@@ -203,6 +205,18 @@ void LimitSurface::evaluateEdge(int32_t edge, double t, double* out) const {
   double uv[2];
   surface_.GetParameterization().GetEdgeCoord(edge, t, uv);
   surface_.Evaluate(uv, patch_points_.data(), width_, out);
+}
+
+void LimitSurface::positions(int32_t corner, ParamCoord at, Vec3f* out) const {
+  std::array<double, 3 * kMostPoses> p;
+  evaluate(corner, at, p.data());
+  for (size_t i = 0; i < poses(); ++i) out[i] = toFloat(Vec3d{p[3 * i], p[3 * i + 1], p[3 * i + 2]});
+}
+
+void LimitSurface::edgePositions(int32_t edge, double t, Vec3f* out) const {
+  std::array<double, 3 * kMostPoses> p;
+  evaluateEdge(edge, t, p.data());
+  for (size_t i = 0; i < poses(); ++i) out[i] = toFloat(Vec3d{p[3 * i], p[3 * i + 1], p[3 * i + 2]});
 }
 
 }  // namespace encore

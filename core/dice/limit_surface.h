@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "core/dice/tessellation.h"
+#include "core/scene/math.h"
 #include "core/scene/mesh.h"
 
 namespace encore {
@@ -67,6 +68,11 @@ class LimitSurface {
   void evaluate(int32_t corner, ParamCoord at, double* out, double* du, double* dv) const;
   // A point on edge `edge` of the face (from its vertex `edge` to the next), t in [0, 1].
   void evaluateEdge(int32_t edge, double t, double* out) const;
+
+  // Of a surface of positions (core/dice/poses.h): width / 3 of them, as they are output.
+  size_t poses() const { return size_t(width_) / 3; }
+  void positions(int32_t corner, ParamCoord at, Vec3f* out) const;
+  void edgePositions(int32_t edge, double t, Vec3f* out) const;
 
  private:
   ParamCoord toFace(int32_t corner, ParamCoord at) const;

@@ -92,6 +92,16 @@ class EarClipper {
   double tolerance_ = 0;
 };
 
+Vec3d turnedArea(std::span<const Vec3f> p, int a, int b, int c) {
+  const Vec3d origin = toDouble(p[a]);
+  return cross(toDouble(p[b]) - origin, toDouble(p[c]) - origin);
+}
+
+// Whether the cut from corner k to corner k + 2 leaves no triangle that faces away from the quad.
+bool cutsCleanly(std::span<const Vec3f> p, Vec3d normal, int k) {
+  return dot(turnedArea(p, k, k + 1, k + 2), normal) >= 0 && dot(turnedArea(p, k, k + 2, (k + 3) % 4), normal) >= 0;
+}
+
 }  // namespace
 
 Vec3d newellNormal(std::span<const Vec3f> corners) {
@@ -129,5 +139,25 @@ std::vector<Vec2f> scaledToBounds(std::span<const PlanePoint> points) {
 }
 
 std::vector<uint32_t> earClip(std::span<const PlanePoint> points) { return EarClipper(points).clip(); }
+
+TriangulatedPolygon triangulate(std::span<const Vec3f> corners) {
+  if (corners.size() == 3) return {{{0, 0}, {1, 0}, {0, 1}}, {0, 1, 2}};
+  if (corners.size() == 4) {
+    const Vec3d normal = newellNormal(corners);
+    const bool first = cutsCleanly(corners, normal, 0) || !cutsCleanly(corners, normal, 1);
+    return {{{0, 0}, {1, 0}, {1, 1}, {0, 1}},
+            first ? std::vector<uint32_t>{0, 1, 2, 0, 2, 3} : std::vector<uint32_t>{1, 2, 3, 1, 3, 0}};
+  }
+  const auto plane = projectToPlane(corners);
+  return {scaledToBounds(plane), earClip(plane)};
+}
+
+bool isConvex(std::span<const Vec3f> corners) {
+  const auto plane = projectToPlane(corners);
+  const double extent = boundsOf(plane).extent(), tolerance = 1e-7 * extent * extent;
+  for (size_t i = 0; i < plane.size(); ++i)
+    if (turn(plane[i], plane[(i + 1) % plane.size()], plane[(i + 2) % plane.size()]) < -tolerance) return false;
+  return true;
+}
 
 }  // namespace encore

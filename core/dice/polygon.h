@@ -29,4 +29,17 @@ std::vector<Vec2f> scaledToBounds(std::span<const PlanePoint> points);
 // triangles, 3 indices each. Self-intersecting and degenerate polygons get some triangulation, too.
 std::vector<uint32_t> earClip(std::span<const PlanePoint> points);
 
+// A polygon as triangles over its own corners, and the corners' parametric coordinates.
+struct TriangulatedPolygon {
+  std::vector<Vec2f> uv;
+  std::vector<uint32_t> triangles;
+};
+// Triangles: (u, v) = (0,0) (1,0) (0,1). Quads: (0,0) (1,0) (1,1) (0,1), cut from corner 0 to corner 2 unless that
+// would fold a concave quad, which is cut from 1 to 3. More corners: ear clipping; (u, v) are coordinates in the
+// best-fit plane, the longer side of their bounds scaled to 1.
+TriangulatedPolygon triangulate(std::span<const Vec3f> corners);
+
+// No corner turns the wrong way, up to rounding. Degenerate polygons are convex.
+bool isConvex(std::span<const Vec3f> corners);
+
 }  // namespace encore

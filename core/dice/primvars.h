@@ -16,24 +16,29 @@ size_t valueIndex(const Primvar<T>& primvar, size_t i) {
   return primvar.indices.empty() ? i : size_t(primvar.indices[i]);
 }
 
-// The value at a corner of a polygon: linear schemes have no limit surface to ask.
+// Index into values of what is there at a corner of a polygon: linear schemes have no limit surface to ask.
 template <class T>
-T cornerValue(const Primvar<T>& primvar, size_t face, size_t point, size_t face_corner) {
+size_t cornerIndex(const Primvar<T>& primvar, size_t face, size_t point, size_t face_corner) {
   switch (primvar.interpolation) {
     case Interpolation::Constant:
-      return primvar.values[valueIndex(primvar, 0)];
+      return valueIndex(primvar, 0);
     case Interpolation::Uniform:
-      return primvar.values[valueIndex(primvar, face)];
+      return valueIndex(primvar, face);
     case Interpolation::Vertex:
     case Interpolation::Varying:
-      return primvar.values[valueIndex(primvar, point)];
+      return valueIndex(primvar, point);
     case Interpolation::FaceVarying:
       break;
   }
-  return primvar.values[valueIndex(primvar, face_corner)];
+  return valueIndex(primvar, face_corner);
+}
+// 0 where there are no values at all.
+template <class T>
+T cornerValue(const Primvar<T>& primvar, size_t face, size_t point, size_t face_corner) {
+  return primvar.empty() ? T{} : primvar.values[cornerIndex(primvar, face, point, face_corner)];
 }
 
-// A primvar of T (Vec2f or Vec3f), prepared for evaluation on limit surfaces.
+// A primvar of T (Vec2f, Vec3f or Vec4f), prepared for evaluation on limit surfaces.
 template <class T>
 class LimitPrimvar {
  public:
@@ -42,6 +47,7 @@ class LimitPrimvar {
   LimitPrimvar(const Primvar<T>& primvar, const Mesh& mesh, std::vector<FaceVaryingChannel>& channels)
       : primvar_(primvar) {
     const Interpolation kind = primvar.interpolation;
+    if (primvar.empty()) return;
     if (kind == Interpolation::FaceVarying) {
       channel_ = int32_t(channels.size());
       FaceVaryingChannel channel{int32_t(primvar.values.size()), primvar.indices};
@@ -53,11 +59,18 @@ class LimitPrimvar {
     }
   }
 
+  // The same everywhere on each face.
+  static bool isFlat(const Primvar<T>& primvar) {
+    return primvar.empty() || primvar.interpolation == Interpolation::Constant ||
+           primvar.interpolation == Interpolation::Uniform;
+  }
+  const Primvar<T>& primvar() const { return primvar_; }
+
   // Evaluates the primvar on one face after the other. One per thread.
   class Evaluator {
    public:
     Evaluator(const LimitPrimvar& primvar, const LimitTopology& topology) : primvar_(primvar.primvar_) {
-      if (primvar_.interpolation == Interpolation::Constant || primvar_.interpolation == Interpolation::Uniform) return;
+      if (isFlat(primvar_)) return;
       const auto& values = primvar.per_point_.empty() ? primvar_.values : primvar.per_point_;
       surface_.emplace(topology, primvar_.interpolation, primvar.channel_, &values[0].x, kWidth);
     }
@@ -73,8 +86,10 @@ class LimitPrimvar {
       surface_->evaluate(corner, at, value);
       if constexpr (kWidth == 2)
         return {float(value[0]), float(value[1])};
-      else
+      else if constexpr (kWidth == 3)
         return {float(value[0]), float(value[1]), float(value[2])};
+      else
+        return {float(value[0]), float(value[1]), float(value[2]), float(value[3])};
     }
 
    private:

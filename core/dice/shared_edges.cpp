@@ -1,17 +1,21 @@
 #include "core/dice/shared_edges.h"
 
 #include <algorithm>
+#include <limits>
+#include <string>
+
+#include "core/scene/error.h"
 
 namespace encore {
 
-SharedEdges::SharedEdges(const LimitTopology& topology) : topology_(topology) {
+SharedEdges::SharedEdges(const LimitTopology& topology, size_t poses) : topology_(topology), poses_(poses) {
   const auto base = topology.base();
   base_edges_ = uint32_t(base.GetNumEdges());
   edge_owner_.assign(base_edges_, -1);
   has_middle_.assign(base_edges_, 0);
   corner_owner_.assign(size_t(base.GetNumVertices()), -1);
-  corners_.resize(corner_owner_.size());
-  middles_.resize(size_t(base.GetNumFaces()));
+  corners_.resize(corner_owner_.size() * poses);
+  middles_.resize(size_t(base.GetNumFaces()) * poses);
   inner_first_.assign(size_t(base.GetNumFaces()), 0);
   for (int32_t face = 0; face < base.GetNumFaces(); ++face) {
     if (!topology.hasLimit(face)) continue;
@@ -34,16 +38,12 @@ SharedEdges::SharedEdges(const LimitTopology& topology) : topology_(topology) {
 }
 
 void SharedEdges::placeCorners(int32_t face, const LimitSurface& surface) {
-  double p[3];
   const auto points = topology_.base().GetFaceVertices(face);
   for (int32_t k = 0; k < points.size(); ++k) {
     if (corner_owner_[points[k]] != face) continue;
-    surface.evaluateEdge(k, 0, p);
-    corners_[points[k]] = toFloat(Vec3d{p[0], p[1], p[2]});
+    surface.edgePositions(k, 0, &corners_[size_t(points[k]) * poses_]);
   }
-  if (!topology_.isSplit(face)) return;
-  surface.evaluate(0, {1, 1}, p);
-  middles_[face] = toFloat(Vec3d{p[0], p[1], p[2]});
+  if (topology_.isSplit(face)) surface.positions(0, {1, 1}, &middles_[size_t(face) * poses_]);
 }
 
 bool SharedEdges::ownsDicedEdge(int32_t face) const {
@@ -61,11 +61,32 @@ bool SharedEdges::isForward(int32_t face, int32_t k) const {
   return base.GetFaceVertices(face)[k] == base.GetEdgeVertices(base.GetFaceEdges(face)[k])[0];
 }
 
-Vec3f SharedEdges::edgePoint(uint32_t edge, uint32_t i) const {
-  if (i > 0 && i < rate_[edge]) return points_[edge][i - 1];
-  if (edge < base_edges_) return corners_[topology_.base().GetEdgeVertices(int(edge))[i == 0 ? 0 : 1]];
+Vec3f SharedEdges::edgePoint(uint32_t edge, uint32_t i, size_t pose) const {
+  if (i > 0 && i < rate_[edge]) return points_[edge][(i - 1) * poses_ + pose];
+  if (edge < base_edges_)
+    return corners_[size_t(topology_.base().GetEdgeVertices(int(edge))[i == 0 ? 0 : 1]) * poses_ + pose];
   const uint32_t inner = edge - base_edges_, from = inner_base_[inner];
-  return i == 0 ? edgePoint(from, middleIndex(from)) : middles_[inner_face_[inner]];
+  return i == 0 ? edgePoint(from, middleIndex(from), pose) : middles_[inner_face_[inner] * poses_ + pose];
+}
+
+void SharedEdges::numberPlaces() {
+  uint64_t next = corner_owner_.size() + uint64_t(topology_.base().GetNumFaces());
+  first_place_.clear();
+  for (const uint32_t rate : rate_) {
+    if (next > std::numeric_limits<uint32_t>::max()) break;
+    first_place_.push_back(uint32_t(next));
+    next += rate - 1;
+  }
+  if (next > std::numeric_limits<uint32_t>::max())
+    throw Error(ErrorKind::Memory, "the edges of a displaced mesh have more vertices than 32-bit indices reach");
+  place_count_ = uint32_t(next);
+}
+
+uint32_t SharedEdges::edgePlace(uint32_t edge, uint32_t i) const {
+  if (i > 0 && i < rate_[edge]) return first_place_[edge] + i - 1;
+  if (edge < base_edges_) return uint32_t(topology_.base().GetEdgeVertices(int(edge))[i == 0 ? 0 : 1]);
+  const uint32_t inner = edge - base_edges_, from = inner_base_[inner];
+  return i == 0 ? edgePlace(from, middleIndex(from)) : uint32_t(corner_owner_.size()) + inner_face_[inner];
 }
 
 PrimitiveSide SharedEdges::side(int32_t face, int32_t corner, int side) const {

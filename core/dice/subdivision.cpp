@@ -8,6 +8,7 @@
 #include <atomic>
 #include <limits>
 #include <string>
+#include <utility>
 
 #include "core/dice/chords.h"
 #include "core/dice/micropolygon_cap.h"
@@ -36,9 +37,11 @@ void forEachFace(int32_t count, const LimitSurface& prototype, const Needed& nee
   });
 }
 
-std::vector<LimitPrimvar<Vec2f>> prepareTexcoords(const Mesh& mesh, std::vector<FaceVaryingChannel>& channels) {
-  std::vector<LimitPrimvar<Vec2f>> prepared;
-  for (const auto& primvar : mesh.texcoords) prepared.emplace_back(primvar, mesh, channels);
+template <class T>
+std::vector<LimitPrimvar<T>> prepare(const std::vector<Primvar<T>>& primvars, const Mesh& mesh,
+                                     std::vector<FaceVaryingChannel>& channels) {
+  std::vector<LimitPrimvar<T>> prepared;
+  for (const auto& primvar : primvars) prepared.emplace_back(primvar, mesh, channels);
   return prepared;
 }
 
@@ -49,23 +52,23 @@ std::vector<LimitPrimvar<Vec3f>> prepareColor(const Mesh& mesh, std::vector<Face
 }
 
 // Float positions are rounded to half a unit in the last place of their coordinates, at both ends of a chord.
-double roundingOf(const Mesh& mesh) {
-  float largest = 0;
-  for (const Vec3f p : mesh.points) largest = std::max(largest, maxComponent(absolute(p)));
-  return double(largest) * 0x1p-22;
-}
+double roundingOf(const Poses& poses) { return double(poses.largestCoordinate()) * 0x1p-22; }
 
 }  // namespace
 
-SubdivisionDicer::SubdivisionDicer(const Mesh& mesh, float edge_length, uint64_t max_micropolygons)
+SubdivisionDicer::SubdivisionDicer(const Mesh& mesh, float edge_length, uint64_t max_micropolygons, DicingExtras extras)
     : mesh_(mesh),
+      extras_(std::move(extras)),
       edge_length_(edge_length),
-      allowed_(edge_length_ * (1 + 1e-5) + roundingOf(mesh)),
+      poses_(mesh),
+      allowed_(edge_length_ * (1 + 1e-5) + roundingOf(poses_)),
       max_micropolygons_(max_micropolygons),
-      texcoords_(prepareTexcoords(mesh, channels_)),
+      texcoords_(prepare(mesh.texcoords, mesh, channels_)),
       display_color_(prepareColor(mesh, channels_)),
+      primvars_(prepare(mesh.primvars, mesh, channels_)),
+      normals_(prepare(extras_.normals, mesh, channels_)),
       topology_(mesh, channels_),
-      shared_(topology_) {
+      shared_(topology_, poses_.count()) {
   listPrimitives();
   measure();
   sampleEdges();
@@ -74,7 +77,7 @@ SubdivisionDicer::SubdivisionDicer(const Mesh& mesh, float edge_length, uint64_t
 }
 
 LimitSurface SubdivisionDicer::positionSurface() const {
-  return {topology_, Interpolation::Vertex, -1, &mesh_.points[0].x, 3};
+  return {topology_, Interpolation::Vertex, -1, poses_.values(), int(3 * poses_.count())};
 }
 
 Tessellation SubdivisionDicer::tessellation(const Primitive& primitive) const {
@@ -83,6 +86,22 @@ Tessellation SubdivisionDicer::tessellation(const Primitive& primitive) const {
     sides[s] = shared_.side(primitive.face, primitive.corner, s).count;
   if (primitive.lattice) return {topology_.shape(), sides, primitive.nu, primitive.nv};
   return fitTessellation(topology_.shape(), sides, primitive.nu, primitive.nv);
+}
+
+void SubdivisionDicer::findLines(const Primitive& primitive, const Tessellation& t, TessellationLines& lines) const {
+  for (int s = 0; s < t.sideCount(); ++s)
+    shared_.parameters(shared_.side(primitive.face, primitive.corner, s), lines.sides[s]);
+  lines.u = primitive.lattice ? primitive.lattice->u : uniformParameters(t.nu);
+  lines.v = primitive.lattice ? primitive.lattice->v : uniformParameters(t.nv);
+}
+
+// Whether a face at the edge is to be diced.
+bool SubdivisionDicer::isDicedEdge(uint32_t edge, int32_t owner) const {
+  if (extras_.diced_faces.empty()) return true;
+  if (edge >= uint32_t(topology_.base().GetNumEdges())) return isDiced(owner);
+  for (const int32_t face : topology_.base().GetEdgeFaces(int(edge)))
+    if (isDiced(face)) return true;
+  return false;
 }
 
 void SubdivisionDicer::listPrimitives() {
@@ -116,10 +135,12 @@ void SubdivisionDicer::measure() {
         std::vector<Vec3f> points;
         shared_.placeCorners(face, surface);
         shared_.visitOwnedEdges(face, surface, [&](uint32_t edge, const auto& curve) {
-          const uint32_t rate = coarseRate(curveChords(curve, coarse, points).most(), allowed_);
+          const uint32_t rate = isDicedEdge(edge, face)
+                                    ? coarseRate(curveChords(curve, coarse, poses_.count(), points).most(), allowed_)
+                                    : 1;
           shared_.setRate(edge, shared_.hasMiddle(edge) ? rate + rate % 2 : rate);
         });
-        for (uint32_t i = first_primitive_[face]; i < first_primitive_[face + 1]; ++i)
+        for (uint32_t i = first_primitive_[face]; i < first_primitive_[face + 1] && isDiced(face); ++i)
           measurePrimitive(primitives_[i], surface);
       });
   if (estimate / 2 > max_micropolygons_)
@@ -131,23 +152,28 @@ void SubdivisionDicer::sampleEdges() {
   // Triangles have uniform lattices, which a side of other parameters would never fit.
   const bool may_bisect = topology_.shape() == DomainShape::Quad;
   const uint64_t limit = std::min(2 * max_micropolygons_ + 2, uint64_t{kMaxRate} / 2);
-  const auto sample = [&](uint32_t edge, const auto& curve) {
+  const size_t poses = poses_.count();
+  const auto sample = [&, poses](uint32_t edge, const auto& curve, bool is_diced) {
     if (shared_.rate(edge) == 1) return;
-    Spacing spacing(shared_.rate(edge), allowed_, shared_.hasMiddle(edge));
+    const double allowed = is_diced ? allowed_ : std::numeric_limits<double>::infinity();
+    Spacing spacing(shared_.rate(edge), allowed, shared_.hasMiddle(edge));
     std::vector<Vec3f> points;
     while (true) {
       if (spacing.rate() > limit) return shared_.setRate(edge, kMaxRate);  // count() refuses it
-      const ChordLengths chords = curveChords(curve, spacing.parameters(), points);
+      const ChordLengths chords = curveChords(curve, spacing.parameters(), poses, points);
       if (!(may_bisect ? spacing.refine(chords) : spacing.refineUniformly(chords.most()))) break;
     }
     shared_.setRate(edge, spacing.rate());
     shared_.setPoints(edge, spacing.uniform() ? Parameters{} : spacing.parameters(),
-                      std::vector<Vec3f>(points.begin() + 1, points.end() - 1));
+                      std::vector<Vec3f>(points.begin() + int64_t(poses), points.end() - int64_t(poses)));
   };
   forEachFace(
       faceCount(), positionSurface(),
       [this](int32_t face) { return topology_.hasLimit(face) && shared_.ownsDicedEdge(face); },
-      [&](int32_t face, const LimitSurface& surface) { shared_.visitOwnedEdges(face, surface, sample); });
+      [&](int32_t face, const LimitSurface& surface) {
+        shared_.visitOwnedEdges(
+            face, surface, [&](uint32_t edge, const auto& curve) { sample(edge, curve, isDicedEdge(edge, face)); });
+      });
 }
 
 void SubdivisionDicer::refineQuad(Primitive& primitive, const LimitSurface& surface) const {
@@ -178,14 +204,15 @@ void SubdivisionDicer::refineTriangle(Primitive& primitive, const LimitSurface& 
 
 // Raises the rates inside until every chord of the lattices is short enough.
 void SubdivisionDicer::refineGrids() {
-  const auto isDiced = [this](int32_t face) {
+  const auto isToRefine = [this](int32_t face) {
+    if (!isDiced(face)) return false;
     for (uint32_t i = first_primitive_[face]; i < first_primitive_[face + 1]; ++i) {
       const Tessellation t = tessellation(primitives_[i]);
       if (t.nu > 1 || t.nv > 1) return true;
     }
     return false;
   };
-  forEachFace(faceCount(), positionSurface(), isDiced, [&](int32_t face, const LimitSurface& surface) {
+  forEachFace(faceCount(), positionSurface(), isToRefine, [&](int32_t face, const LimitSurface& surface) {
     for (uint32_t i = first_primitive_[face]; i < first_primitive_[face + 1]; ++i)
       topology_.shape() == DomainShape::Quad ? refineQuad(primitives_[i], surface)
                                              : refineTriangle(primitives_[i], surface);

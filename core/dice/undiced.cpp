@@ -3,9 +3,7 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
-#include <array>
 #include <limits>
-#include <span>
 #include <string>
 #include <vector>
 
@@ -15,33 +13,6 @@
 
 namespace encore {
 namespace {
-
-Vec3d turnedArea(std::span<const Vec3f> p, int a, int b, int c) {
-  const Vec3d origin = toDouble(p[a]);
-  return cross(toDouble(p[b]) - origin, toDouble(p[c]) - origin);
-}
-
-// Whether the cut from corner k to corner k + 2 leaves no triangle that faces away from the quad.
-bool cutsCleanly(std::span<const Vec3f> p, Vec3d normal, int k) {
-  return dot(turnedArea(p, k, k + 1, k + 2), normal) >= 0 && dot(turnedArea(p, k, k + 2, (k + 3) % 4), normal) >= 0;
-}
-
-struct Polygon {
-  std::vector<Vec2f> uv;
-  std::vector<uint32_t> triangles;
-};
-
-Polygon triangulate(std::span<const Vec3f> corners) {
-  if (corners.size() == 3) return {{{0, 0}, {1, 0}, {0, 1}}, {0, 1, 2}};
-  if (corners.size() == 4) {
-    const Vec3d normal = newellNormal(corners);
-    const bool first = cutsCleanly(corners, normal, 0) || !cutsCleanly(corners, normal, 1);
-    return {{{0, 0}, {1, 0}, {1, 1}, {0, 1}},
-            first ? std::vector<uint32_t>{0, 1, 2, 0, 2, 3} : std::vector<uint32_t>{1, 2, 3, 1, 3, 0}};
-  }
-  const auto plane = projectToPlane(corners);
-  return {scaledToBounds(plane), earClip(plane)};
-}
 
 class Writer {
  public:
@@ -54,7 +25,7 @@ class Writer {
     positions_.clear();
     for (size_t k = 0; k < corners; ++k)
       positions_.push_back(mesh_.points[size_t(mesh_.face_vertex_indices[first + k])]);
-    const Polygon polygon = triangulate(positions_);
+    const TriangulatedPolygon polygon = triangulate(positions_);
     for (size_t k = 0; k < corners; ++k) writeCorner(face, first + k, positions_[k], polygon.uv[k]);
     size_t triangle = first - 2 * face;
     for (size_t i = 0; i < polygon.triangles.size(); i += 3, ++triangle) {
@@ -71,18 +42,30 @@ class Writer {
   void writeCorner(size_t face, size_t corner, Vec3f position, Vec2f uv) {
     const size_t point = size_t(mesh_.face_vertex_indices[corner]);
     out_.positions[corner] = position;
+    for (size_t key = 0; key < mesh_.motion_points.size(); ++key)
+      out_.motion_positions[key][corner] = mesh_.motion_points[key][point];
     out_.uv[corner] = uv;
-    if (!mesh_.normals.empty()) out_.normals[corner] = authoredNormal(face, point, corner);
+    if (!mesh_.normals.empty()) writeNormals(face, point, corner);
     for (size_t i = 0; i < mesh_.texcoords.size(); ++i)
       out_.texcoords[i][corner] = cornerValue(mesh_.texcoords[i], face, point, corner);
     if (!mesh_.display_color.empty())
       out_.display_color[corner] = cornerValue(mesh_.display_color, face, point, corner);
+    for (size_t i = 0; i < mesh_.primvars.size(); ++i)
+      out_.primvars[i][corner] = cornerValue(mesh_.primvars[i], face, point, corner);
+  }
+
+  void writeNormals(size_t face, size_t point, size_t corner) {
+    const size_t value = cornerIndex(mesh_.normals, face, point, corner);
+    out_.normals[corner] = authoredNormal(mesh_.normals.values[value]);
+    for (size_t key = 0; key < out_.motion_normals.size(); ++key)
+      out_.motion_normals[key][corner] =
+          mesh_.motion_normals.empty() ? out_.normals[corner] : authoredNormal(mesh_.motion_normals[key][value]);
   }
 
   // Authored normals point outside whatever the orientation (UsdGeomMesh). Where one has no length, the
-  // polygon's own stands in.
-  Vec3f authoredNormal(size_t face, size_t point, size_t corner) const {
-    const Vec3d authored = toDouble(cornerValue(mesh_.normals, face, point, corner));
+  // polygon's own at the frame's time stands in.
+  Vec3f authoredNormal(Vec3f value) const {
+    const Vec3d authored = toDouble(value);
     if (length(authored) > 0) return toFloat(normalize(authored));
     const Vec3d own = normalize(newellNormal(positions_));
     if (length(own) == 0) return {0, 0, 1};
@@ -91,7 +74,7 @@ class Writer {
 
   const Mesh& mesh_;
   DicedMesh& out_;
-  std::vector<Vec3f> positions_;
+  std::vector<Vec3f> positions_;  // of the face, at the frame's time: what says how it is cut
 };
 
 }  // namespace
@@ -104,9 +87,13 @@ DicedMesh undicedMesh(const Mesh& mesh) {
   DicedMesh out;
   out.positions.resize(vertices);
   out.normals.resize(mesh.normals.empty() ? 0 : vertices);
+  const size_t keys = mesh.motion_points.size();
+  out.motion_positions.assign(keys, std::vector<Vec3f>(vertices));
+  if (!mesh.normals.empty()) out.motion_normals.assign(keys, std::vector<Vec3f>(vertices));
   out.uv.resize(vertices);
   out.texcoords.assign(mesh.texcoords.size(), std::vector<Vec2f>(vertices));
   out.display_color.resize(mesh.display_color.empty() ? 0 : vertices);
+  out.primvars.assign(mesh.primvars.size(), std::vector<Vec4f>(vertices));
   out.triangles.resize(3 * (vertices - 2 * faces));
   out.triangle_primitive.resize(vertices - 2 * faces);
   out.primitive_face.resize(faces);

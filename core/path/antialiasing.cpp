@@ -5,13 +5,13 @@
 #include <atomic>
 #include <limits>
 
-#include "core/path/antialiasing_samples.h"
+#include "core/path/antialiasing_lanes.h"
 #include "core/path/blocks.h"
 #include "core/path/direct_layer.h"
+#include "core/path/first_hits.h"
 #include "core/path/footprint.h"
 #include "core/path/path.h"
 #include "core/shade/lights.h"
-#include "core/trace/clones.h"
 
 namespace encore {
 
@@ -20,19 +20,6 @@ namespace {
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 // Just short of infinity, where domes and distant lights would count.
 constexpr float kBeyondLights = std::numeric_limits<float>::max();
-
-// The samples of one pixel: their offsets, and their places on the film.
-ENCORE_AVX2_CLONES
-void jitterPixel(const Strata& strata, uint32_t seed, uint32_t pixel, uint32_t x, uint32_t y,
-                 uint32_t* __restrict position, float* __restrict film_x, float* __restrict film_y) {
-  const float *column = strata.column.data(), *row = strata.row.data(), across = strata.across;
-  const uint32_t count = strata.count();
-  for (uint32_t s = 0; s < count; ++s) {
-    const uint32_t p = jitteredPosition(column[s], row[s], across, pixel, s, seed);
-    position[s] = p;
-    film_x[s] = filmX(x, p), film_y[s] = filmY(y, p);
-  }
-}
 
 // What is the same for every block of a call.
 struct Batch {
@@ -43,8 +30,11 @@ struct Batch {
   const SampleOutputs& direct;
   Strata strata;
   DirectWeights weights;
+  PassThrough pass_through;
   std::vector<Light> camera_lights;
   bool any_direct, any_surface, footprints;
+  bool aspects;     // other than 0
+  bool keyed_rays;  // pixel and sample matter
 
   Batch(const ShadeContext& c, const CameraRays& rays, std::span<FirstHit> f, const SharedOutputs& s,
         const SampleOutputs& d)
@@ -55,10 +45,30 @@ struct Batch {
         direct(d),
         strata(c.settings.samples),
         weights(c),
+        pass_through(c, false),
         camera_lights(cameraLights(c.scene, c.settings)),
-        any_direct(!d.key.empty() || !d.uv.empty() || !d.throughput.empty() || !d.footprint.empty()),
+        any_direct(!d.key.empty() || !d.uv.empty() || !d.throughput.empty() || !d.footprint.empty() ||
+                   !d.aspect.empty()),
         any_surface(any_direct || !s.normal.empty()),
-        footprints(!d.footprint.empty() || c.settings.footprint_reuse == FootprintReuse::Octaves) {}
+        footprints(!d.footprint.empty() || c.settings.footprint_reuse == FootprintReuse::Octaves),
+        aspects(needsAspect(c.settings)),
+        keyed_rays(rays.moves() || rays.ownOrigins()) {}
+
+  // A ray that hits nothing still covers what it shows of lights.
+  bool seesBackground(Vec3f origin, Vec3f direction) const {
+    if (context.settings.dome_light_visible) return true;
+    return context.settings.lights_visible &&
+           intersectLights(context.lights, context.scene.lights, origin, direction, kBeyondLights).valid;
+  }
+};
+
+// Samples of a block that are finished later.
+struct Unresolved {
+  std::vector<FirstHit> first;  // hits whose material has to be evaluated
+  std::vector<uint32_t> slots;  // of the batch
+  // Those that have met presence, and their rays, whose indices are the slots.
+  std::vector<FirstHit> passing;
+  std::vector<Passage> passages;
 };
 
 // Sixteen samples on their way.
@@ -78,56 +88,6 @@ struct Packet {
   bool hit(uint32_t lane) const { return hits.instance[lane] != kNoInstance; }
 };
 
-// Nearest of all lanes, halving in an order that vector instructions can follow.
-ENCORE_AVX2_CLONES
-float nearest(const PacketLanes<float>& depth) {
-  PacketLanes<float> d;
-  for (uint32_t i = 0; i < kPacketWidth; ++i) d[i] = depth[i];
-  for (uint32_t i = 0; i < 8; ++i) d[i] = d[i] < d[i + 8] ? d[i] : d[i + 8];
-  for (uint32_t i = 0; i < 4; ++i) d[i] = d[i] < d[i + 4] ? d[i] : d[i + 4];
-  return std::min(std::min(d[0], d[1]), std::min(d[2], d[3]));
-}
-ENCORE_AVX2_CLONES
-uint32_t countSurfaces(const PacketLanes<uint32_t>& instance) {
-  uint32_t count = 0;
-  for (uint32_t i = 0; i < kPacketWidth; ++i) count += instance[i] != kNoInstance ? 1u : 0u;
-  return count;
-}
-ENCORE_AVX2_CLONES
-void storeHits(const PacketLanes<uint32_t>& instance, uint32_t begin, uint32_t end, float* __restrict out) {
-  for (uint32_t i = begin; i < end; ++i) out[i - begin] = instance[i] != kNoInstance ? 1.0f : 0.0f;
-}
-ENCORE_AVX2_CLONES
-void fillThroughput(const PacketLanes<uint32_t>& instance, Vec3f value, Vec3f* __restrict out) {
-  for (uint32_t i = 0; i < kPacketWidth; ++i) {
-    const bool hit = instance[i] != kNoInstance;
-    out[i] = {hit ? value.x : 0, hit ? value.y : 0, hit ? value.z : 0};
-  }
-}
-// All hits are on this material.
-ENCORE_AVX2_CLONES
-bool uniform(const PacketLanes<uint32_t>& instance, const PacketLanes<int32_t>& materials, int32_t material) {
-  uint32_t others = 0;
-  for (uint32_t i = 0; i < kPacketWidth; ++i)
-    others += (instance[i] != kNoInstance) & (materials[i] != material) ? 1u : 0u;
-  return others == 0;
-}
-ENCORE_AVX2_CLONES
-void storeKeys(const PacketLanes<uint32_t>& instance, const PacketLanes<uint32_t>& primitive_side, uint32_t begin,
-               uint32_t end, SurfaceKey* __restrict out) {
-  for (uint32_t i = begin; i < end; ++i)
-    out[i - begin] = {instance[i], instance[i] == kNoInstance ? 0 : primitive_side[i]};
-}
-ENCORE_AVX2_CLONES
-void storePairs(const PacketLanes<float>& u, const PacketLanes<float>& v, uint32_t begin, uint32_t end,
-                Vec2f* __restrict out) {
-  for (uint32_t i = begin; i < end; ++i) out[i - begin] = {u[i], v[i]};
-}
-ENCORE_AVX2_CLONES
-void storeNormals(const SurfacePacket& points, uint32_t begin, uint32_t end, Vec3f* __restrict out) {
-  for (uint32_t i = begin; i < end; ++i) out[i - begin] = {points.nx[i], points.ny[i], points.nz[i]};
-}
-
 // All samples of one block.
 class BlockTracer {
  public:
@@ -135,7 +95,7 @@ class BlockTracer {
       : batch_(batch),
         layout_(block, batch.context.settings),
         first_slot_(first_slot),
-        tracer_(batch.context.trace, batch.camera.origin()) {
+        tracer_(batch.context.trace, batch.camera.origin(), batch.camera.ownOrigins()) {
     const uint32_t capacity = kStaged + layout_.per_pixel + kPacketWidth;
     film_x_.resize(capacity), film_y_.resize(capacity), slots_.resize(capacity);
     if (batch.shared.position.empty()) position_.resize(layout_.per_pixel);
@@ -156,11 +116,6 @@ class BlockTracer {
 
   uint32_t traced() const { return layout_.length(); }
   uint64_t onSurface() const { return on_surface_; }
-  // Hits whose material has to be evaluated, and their slots.
-  struct Unresolved {
-    std::vector<FirstHit> first;
-    std::vector<uint32_t> slots;
-  };
   Unresolved& unresolved() { return unresolved_; }
 
  private:
@@ -182,6 +137,7 @@ class BlockTracer {
       zero(batch_.shared.position, 0u), zero(batch_.shared.coverage, 0.0f), zero(batch_.shared.normal, Vec3f{});
       zero(batch_.direct.key, SurfaceKey{kNoInstance, 0}), zero(batch_.direct.uv, Vec2f{});
       zero(batch_.direct.throughput, Vec3f{}), zero(batch_.direct.footprint, 0.0f);
+      zero(batch_.direct.aspect, Vec4f{});
     }
   }
 
@@ -208,11 +164,40 @@ class BlockTracer {
     Packet packet;
     packet.count = count;
     packet.film_x = &film_x_[first], packet.film_y = &film_y_[first], packet.slots = &slots_[first];
-    batch_.camera.rays(packet.film_x, packet.film_y, packet.rays);
+    makeRays(packet);
     tracer_.intersect(packet.rays, count, packet.hits);
+    if (batch_.pass_through.presence()) setAside(packet);
     if (batch_.any_surface) tracer_.surface(packet.rays, packet.hits, packet.points);
     if (batch_.any_direct) resolveDirect(packet);
     store(packet);
+  }
+
+  // Samples that may see what lies behind count as having met nothing until that is known.
+  void setAside(Packet& p) {
+    for (uint32_t i = 0; i < p.count; ++i) {
+      if (!batch_.pass_through.mayPass(p.hits.hit(i), nullptr)) continue;
+      unresolved_.passing.push_back(firstHit(p, i));
+      Passage passage = cameraPassage(batch_.camera, unresolved_.passing.back(), batch_.pass_through.evaluates());
+      passage.index = p.slots[i];
+      unresolved_.passages.push_back(passage);
+      const Hit none;
+      p.hits.instance[i] = none.instance, p.hits.mesh[i] = none.mesh, p.hits.triangle[i] = none.triangle;
+      p.hits.b1[i] = none.b1, p.hits.b2[i] = none.b2, p.hits.t[i] = none.t;
+    }
+  }
+
+  void makeRays(Packet& p) const {
+    if (!batch_.keyed_rays) return batch_.camera.rays(p.film_x, p.film_y, nullptr, nullptr, p.rays);
+    PacketLanes<uint32_t> pixel, sample;
+    for (uint32_t i = 0; i < kPacketWidth; ++i) {
+      const uint32_t lane = std::min(i, p.count - 1);
+      pixel[i] = pixelOf(p.slots[lane]), sample[i] = p.slots[lane] % layout_.per_pixel;
+    }
+    batch_.camera.rays(p.film_x, p.film_y, pixel, sample, p.rays);
+  }
+  uint32_t pixelOf(uint32_t slot) const {  // of the image
+    const uint32_t pixel = (slot - first_slot_) / layout_.per_pixel;
+    return (layout_.y0 + pixel / kBlockPixels) * batch_.context.settings.width + layout_.x0 + pixel % kBlockPixels;
   }
 
   void resolveDirect(Packet& p) {
@@ -236,10 +221,15 @@ class BlockTracer {
     for (uint32_t i = 0; i < p.count; ++i) resolveLane(p, i);
   }
 
+  Vec3f origin(const Packet& p, uint32_t i) const {
+    return batch_.camera.ownOrigins() ? Vec3f{p.rays.ox[i], p.rays.oy[i], p.rays.oz[i]} : batch_.camera.origin();
+  }
+
   // Lights that the camera sees, and materials that absorb a part of what arrives.
   void resolveLane(Packet& p, uint32_t i) {
     if (!batch_.camera_lights.empty()) {
-      const LightHit light = intersectLights(batch_.camera_lights, batch_.camera.origin(), p.direction(i), p.hits.t[i]);
+      const LightHit light =
+          intersectLights(batch_.context.lights, batch_.camera_lights, origin(p, i), p.direction(i), p.hits.t[i]);
       if (light.valid) return endWithout(p, i, carriesSomething(light.radiance) ? light.radiance : Vec3f{});
     }
     if (!p.hit(i)) return endWithout(p, i, {});
@@ -249,8 +239,15 @@ class BlockTracer {
       unresolved_.slots.push_back(p.slots[i]);
       return endWithout(p, i, {});
     }
-    p.throughput[i] = batch_.weights.weight(material, p.points.primitive_side[i] & 1, viewCosine(p, i));
+    const bool thin = batch_.weights.asksForThin(material) && isThin(p.hits.hit(i));
+    p.throughput[i] = batch_.weights.weight(material, thin, p.points.primitive_side[i] & 1, viewCosine(p, i));
     if (!carriesSomething(p.throughput[i])) endWithout(p, i, {});
+  }
+
+  bool isThin(const Hit& hit) const {
+    const Scene& scene = batch_.context.scene;
+    const Prototype& prototype = scene.prototypes[scene.instances[hit.instance].prototype];
+    return scene.meshes[prototype.meshes[hit.mesh]].thin_walled;
   }
 
   // To the normal that lobes use; see arrive().
@@ -271,21 +268,22 @@ class BlockTracer {
   void resolveFootprint(Packet& p, uint32_t i) {
     p.footprint[i] = 0;
     if (p.instance[i] == kNoInstance) return;
-    Vec3f dddx, dddy;
+    Vec3f dpdx, dpdy, dddx, dddy;
     const Vec3f ng = tracer_.geometricNormal(p.rays, p.hits, i);
     const ParameterGradients gradients = tracer_.gradients(p.hits, i);
-    batch_.camera.differential(p.film_x[i], p.film_y[i], dddx, dddy);
-    const auto step = [&](Vec3f dd) {
-      return limited(transferDifferential({}, dd, p.hits.t[i], p.direction(i), ng), batch_.context.trace.diagonal());
+    batch_.camera.differential({p.film_x[i], p.film_y[i], pixelOf(p.slots[i]), p.slots[i] % layout_.per_pixel}, dpdx,
+                               dpdy, dddx, dddy);
+    const auto step = [&](Vec3f dp, Vec3f dd) {
+      return limited(transferDifferential(dp, dd, p.hits.t[i], p.direction(i), ng), batch_.context.trace.diagonal());
     };
-    p.footprint[i] = gradients.footprint(step(dddx), step(dddy));
+    p.footprint[i] = gradients.footprint(step(dpdx, dddx), step(dpdy, dddy));
     p.instance[i] = reuseKey({p.instance[i], 0}, p.footprint[i], batch_.context.settings.footprint_reuse).instance;
   }
 
   FirstHit firstHit(const Packet& p, uint32_t i) const {
-    const uint32_t slot = p.slots[i] - first_slot_, pixel = slot / layout_.per_pixel;
-    const uint32_t x = layout_.x0 + pixel % kBlockPixels, y = layout_.y0 + pixel / kBlockPixels;
-    return {p.hits.hit(i), p.film_x[i], p.film_y[i], y * batch_.context.settings.width + x, slot % layout_.per_pixel};
+    FirstHit first{p.hits.hit(i), p.film_x[i], p.film_y[i], pixelOf(p.slots[i]), p.slots[i] % layout_.per_pixel};
+    if (batch_.camera.moves() && first.hit.valid()) first.hit.time = p.rays.time[i];
+    return first;
   }
 
   // Writes runs of consecutive slots; most packets are one.
@@ -307,10 +305,19 @@ class BlockTracer {
     if (!direct.uv.empty()) storePairs(p.u, p.v, begin, end, &direct.uv[slot]);
     if (!direct.throughput.empty()) std::copy(p.throughput + begin, p.throughput + end, &direct.throughput[slot]);
     if (!direct.footprint.empty()) std::copy(p.footprint + begin, p.footprint + end, &direct.footprint[slot]);
+    if (!direct.aspect.empty()) storeAspects(p, begin, end, &direct.aspect[slot]);
     if (!shared.normal.empty()) storeNormals(p.points, begin, end, &shared.normal[slot]);
     if (!shared.coverage.empty()) storeCoverage(p, begin, end, &shared.coverage[slot]);
     if (!batch_.first.empty())
       for (uint32_t i = begin; i < end; ++i) batch_.first[slot + i - begin] = firstHit(p, i);
+  }
+
+  void storeAspects(const Packet& p, uint32_t begin, uint32_t end, Vec4f* out) const {
+    for (uint32_t i = begin; i < end; ++i) {
+      const float time = batch_.camera.moves() ? p.rays.time[i] : 0;
+      const bool surface = batch_.aspects && p.instance[i] != kNoInstance;
+      out[i - begin] = surface ? aspectOf(batch_.context.settings, p.direction(i), time) : Vec4f{};
+    }
   }
 
   void storeCoverage(const Packet& p, uint32_t begin, uint32_t end, float* out) const {
@@ -318,10 +325,7 @@ class BlockTracer {
     const Settings& settings = batch_.context.settings;
     if (!settings.dome_light_visible && !settings.lights_visible) return;
     for (uint32_t i = begin; i < end; ++i)
-      if (!p.hit(i) && (settings.dome_light_visible || seesLight(p.direction(i)))) out[i - begin] = 1;
-  }
-  bool seesLight(Vec3f direction) const {
-    return intersectLights(batch_.context.scene.lights, batch_.camera.origin(), direction, kBeyondLights).valid;
+      if (!p.hit(i) && batch_.seesBackground(origin(p, i), p.direction(i))) out[i - begin] = 1;
   }
 
   void storeDepth(const Packet& p) {
@@ -347,11 +351,47 @@ class BlockTracer {
   uint64_t on_surface_ = 0;
 };
 
+void storePassed(const Batch& batch, const FirstHit& first, const Passage& p) {
+  const SharedOutputs& shared = batch.shared;
+  const bool hit = first.hit.valid();
+  if (!batch.first.empty()) batch.first[p.index] = first;
+  if (!shared.coverage.empty())
+    shared.coverage[p.index] = hit || batch.seesBackground(p.ray.origin, p.ray.direction) ? 1 : 0;
+  if (!hit) return;
+  if (!shared.normal.empty()) {
+    const SurfacePoint point = batch.context.trace.surface(first.hit, p.ray.direction, false);
+    shared.normal[p.index] = point.side ? -point.ns : point.ns;
+  }
+  if (!shared.depth.empty()) {
+    float& lowest = shared.depth[p.index / batch.strata.count()];
+    lowest = std::min(lowest, batch.camera.depth(p.ray.origin + p.ray.direction * first.hit.t));
+  }
+}
+
+// What lies behind presence: first hits, and what the film needs of them. The direct layer follows.
+void resolvePassing(const Batch& batch, std::vector<Unresolved>& blocks) {
+  std::vector<std::vector<Passage>> passages(blocks.size());
+  for (size_t b = 0; b < blocks.size(); ++b) passages[b].swap(blocks[b].passages);
+  batch.pass_through.run(passages);
+  tbb::parallel_for(size_t{0}, blocks.size(), [&](size_t b) {
+    const FlushDenormals flush;
+    for (size_t i = 0; i < passages[b].size(); ++i) {
+      const Passage& p = passages[b][i];
+      FirstHit& first = blocks[b].passing[i];
+      first.hit = p.hit;
+      storePassed(batch, first, p);
+      if (!batch.any_direct) continue;
+      blocks[b].first.push_back(first);
+      blocks[b].slots.push_back(p.index);
+    }
+  });
+}
+
 // Samples on materials whose path inputs vary: evaluated together, and written into their slots.
-uint64_t resolveVarying(const Batch& batch, std::vector<BlockTracer::Unresolved>& blocks) {
+uint64_t resolveVarying(const Batch& batch, std::vector<Unresolved>& blocks) {
   std::vector<FirstHit> first;
   std::vector<uint32_t> slots, ends;
-  for (BlockTracer::Unresolved& block : blocks) {
+  for (Unresolved& block : blocks) {
     if (block.first.empty()) continue;
     first.insert(first.end(), block.first.begin(), block.first.end());
     slots.insert(slots.end(), block.slots.begin(), block.slots.end());
@@ -363,6 +403,7 @@ uint64_t resolveVarying(const Batch& batch, std::vector<BlockTracer::Unresolved>
   std::vector<float> footprint(batch.direct.footprint.empty() ? 0 : first.size());
   SampleOutputs out;
   out.footprint = footprint;
+  // Vertices hold all the rest.
   const uint64_t on_surface = tracePaths(batch.context, batch.camera, Layer::Direct, first, ends, vertices, out);
   for (size_t i = 0; i < slots.size(); ++i) {
     const PathVertex& v = vertices[i];
@@ -370,6 +411,7 @@ uint64_t resolveVarying(const Batch& batch, std::vector<BlockTracer::Unresolved>
     if (!batch.direct.uv.empty()) batch.direct.uv[slots[i]] = v.uv;
     if (!batch.direct.throughput.empty()) batch.direct.throughput[slots[i]] = v.throughput;
     if (!footprint.empty()) batch.direct.footprint[slots[i]] = footprint[i];
+    if (!batch.direct.aspect.empty()) batch.direct.aspect[slots[i]] = v.aspect;
   }
   return on_surface;
 }
@@ -380,7 +422,7 @@ uint64_t traceAntialiasing(const ShadeContext& context, const CameraRays& camera
                            std::span<FirstHit> first, const SharedOutputs& shared, const SampleOutputs& direct) {
   const Batch batch(context, camera, first, shared, direct);
   const uint32_t slots_per_block = kBlockArea * batch.strata.count();
-  std::vector<BlockTracer::Unresolved> unresolved(blocks.size());
+  std::vector<Unresolved> unresolved(blocks.size());
   std::atomic<uint64_t> on_surface{0};
   tbb::parallel_for(size_t{0}, blocks.size(), [&](size_t b) {
     const FlushDenormals flush;
@@ -390,6 +432,7 @@ uint64_t traceAntialiasing(const ShadeContext& context, const CameraRays& camera
     on_surface.fetch_add(tracer.onSurface(), std::memory_order_relaxed);
     unresolved[b] = std::move(tracer.unresolved());
   });
+  if (batch.pass_through.presence()) resolvePassing(batch, unresolved);
   return on_surface + resolveVarying(batch, unresolved);
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <bit>
 #include <cstdint>
 #include <vector>
 
@@ -12,18 +13,49 @@
 
 namespace encore {
 
-// The jittered strata of a pixel; the same in every pixel but for the random numbers.
-struct Strata {
-  float across;                    // of a pixel
-  std::vector<float> column, row;  // of each sample
-
-  explicit Strata(uint32_t samples) : across(float(samples)) {
-    for (uint32_t s = 0; s < samples * samples; ++s) {
-      column.push_back(float(s % samples));
-      row.push_back(float(s / samples));
+// The strata of a pixel: samples × samples squares, of which sample s has that in column s % samples and row
+// s / samples, and within it a column and a row that no other sample has, so that the samples stratify in x and in y
+// alone as well (correlated multi-jittered sampling: Kensler, Pixar TM 13-01). Which ones those are is one of a few
+// permutations each, chosen by the pixel.
+class Strata {
+ public:
+  explicit Strata(uint32_t samples)
+      : samples_(samples), count_(samples * samples), patterns_(std::bit_floor(std::clamp(4096 / count_, 8u, 64u))) {
+    for (uint32_t pattern = 0; pattern < patterns_; ++pattern) {
+      const std::vector<uint32_t> across = permutation(2 * pattern), down = permutation(2 * pattern + 1);
+      for (uint32_t s = 0; s < count_; ++s) {
+        columns_.push_back(float(s % samples * samples + across[s / samples]));
+        rows_.push_back(float(s / samples * samples + down[s % samples]));
+      }
     }
   }
-  uint32_t count() const { return uint32_t(column.size()); }
+  uint32_t count() const { return count_; }
+  float across() const { return float(count_); }  // columns, and rows, of a pixel
+
+  // The column and the row of each sample of a pixel.
+  struct Pattern {
+    const float *column, *row;
+  };
+  Pattern pattern(uint32_t pixel, uint32_t seed) const {
+    const auto random = pcg4d(pixel, 0xffffffffu, uint32_t(RandomUse::FilmPosition), seed);
+    return {&columns_[size_t(random[0] & (patterns_ - 1)) * count_],
+            &rows_[size_t(random[1] & (patterns_ - 1)) * count_]};
+  }
+
+ private:
+  // Of 0 ... samples - 1 (Fisher & Yates).
+  std::vector<uint32_t> permutation(uint32_t index) const {
+    std::vector<uint32_t> order(samples_);
+    for (uint32_t i = 0; i < samples_; ++i) {
+      const uint32_t other = pcg4d(index, i, samples_, 0x5bd1e995u)[0] % (i + 1);
+      order[i] = order[other];
+      order[other] = i;
+    }
+    return order;
+  }
+
+  uint32_t samples_, count_, patterns_;  // patterns_: a power of two
+  std::vector<float> columns_, rows_;    // of every pattern
 };
 
 // In units of 2^-16 pixels: film and ray use the same rounded numbers. Signed integers, because vector
@@ -33,6 +65,7 @@ inline uint32_t jittered(float stratum, uint32_t random, float across) {
   const int32_t offset = int32_t((stratum + unit) / across * 65536.0f);
   return uint32_t(offset < 65535 ? offset : 65535);
 }
+// column, row, across: of Strata.
 inline uint32_t jitteredPosition(float column, float row, float across, uint32_t pixel, uint32_t s, uint32_t seed) {
   const auto random = pcg4d(pixel, s, uint32_t(RandomUse::FilmPosition), seed);
   return jittered(row, random[1], across) << 16 | jittered(column, random[0], across);

@@ -19,4 +19,23 @@ Vec3f shortened(Vec3f v, float longest) {
   return l > longest ? v * (longest / l) : v;
 }
 
+// Singular values: A = rotation(u) * diag(large, small) * rotation(v), small with the sign of the determinant.
+Spread widened(const Spread& spread, Vec3f direction, float width) {
+  if (!(width > 0)) return spread;
+  const Basis basis(direction);
+  const float a = dot(basis.t, spread.x), b = dot(basis.t, spread.y), c = dot(basis.b, spread.x),
+              d = dot(basis.b, spread.y);
+  const float e = (a + d) / 2, f = (a - d) / 2, g = (c + b) / 2, h = (c - b) / 2;
+  const float q = std::hypot(e, h), r = std::hypot(f, g);
+  const float of_difference = std::atan2(g, f), of_sum = std::atan2(h, e);
+  const float u = (of_sum + of_difference) / 2, v = (of_sum - of_difference) / 2;
+  const auto wider = [&](float axis) { return std::copysign(std::hypot(axis, width), axis); };
+  const float large = wider(q + r), small = wider(q - r);
+  const float cos_u = std::cos(u), sin_u = std::sin(u), cos_v = std::cos(v), sin_v = std::sin(v);
+  const auto column = [&](float first, float second) {  // of rotation(u) * (first, second)
+    return basis.t * (cos_u * first - sin_u * second) + basis.b * (sin_u * first + cos_u * second);
+  };
+  return {column(large * cos_v, small * sin_v), column(-large * sin_v, small * cos_v)};
+}
+
 }  // namespace encore

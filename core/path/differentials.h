@@ -8,6 +8,11 @@
 
 namespace encore {
 
+// How the direction of a ray changes over a pixel step.
+struct Spread {
+  Vec3f x, y;
+};
+
 // Eqs. 10-12: the change of the hit at distance t on a plane with normal n, from that of origin and direction.
 inline Vec3f transferDifferential(Vec3f dp, Vec3f dd, float t, Vec3f direction, Vec3f n) {
   const Vec3f moved = dp + dd * t;
@@ -31,5 +36,10 @@ inline Vec3f limited(Vec3f v, float longest) {
 }
 // Two unit vectors never differ by more.
 inline constexpr float kLargestDirectionChange = 2;
+
+// A rough lobe sends the samples of a pixel into many directions, of which each stands for a part. width: the angle
+// (radians) of that part. The principal axes of the spread, seen along the unit vector `direction`, become as long as
+// if both widths were convolved: sqrt(axis² + width²). What origins and directions have to do with each other stays.
+Spread widened(const Spread& spread, Vec3f direction, float width);
 
 }  // namespace encore

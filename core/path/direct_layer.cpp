@@ -1,7 +1,5 @@
 #include "core/path/direct_layer.h"
 
-#include "core/shade/lights.h"
-
 namespace encore {
 
 namespace {
@@ -20,26 +18,28 @@ std::vector<Light> cameraLights(const Scene& scene, const Settings& settings) {
 }
 
 DirectWeights::DirectWeights(const ShadeContext& context) {
-  const bool delta = anyDelta(context.scene.lights);
+  const std::vector<uint8_t> view_weights = viewWeightsInShading(context.scene, context.settings);
   for (size_t i = 0; i < context.scene.materials.size(); ++i)
-    materials_.push_back(makeEntry(context, int32_t(i), delta));
+    materials_.push_back(makeEntry(context, int32_t(i), view_weights[i] != 0));
 }
 
-DirectWeights::Entry DirectWeights::makeEntry(const ShadeContext& context, int32_t material, bool zero_extent_lights) {
+DirectWeights::Entry DirectWeights::makeEntry(const ShadeContext& context, int32_t material,
+                                              bool view_weight_in_shading) {
   Entry entry;
   const Material& source = context.scene.materials[size_t(material)];
-  const float limit = context.settings.roughness_limit;
-  if (viewWeightInShading(source, limit, zero_extent_lights)) return entry;
-  if (context.patterns.pathVaries(material)) {
+  if (view_weight_in_shading) return entry;
+  if (context.patterns.varies(PatternPart::Path, material)) {
     entry.kind = Kind::Varying;
     return entry;
   }
-  for (const bool back : {false, true})
-    entry.lobes[back] = makeLobes(source, context.patterns.constantPath(material), back, limit);
-  if (hasNoInterface(entry.lobes[0]) && hasNoInterface(entry.lobes[1]))
-    entry.constant = effectWeights(entry.lobes[0], 1, false).absorption;
+  for (const bool thin : {false, true})
+    for (const bool back : {false, true})
+      entry.lobes[thin][back] =
+          makeLobes(source, context.patterns.constantPath(material), {back, thin}, context.settings);
+  if (hasNoInterface(entry.lobes[0][0]) && hasNoInterface(entry.lobes[0][1]))
+    entry.constant = effectWeights(entry.lobes[0][0], 1, false).absorption;
   else
-    entry.kind = Kind::ByCosine;
+    entry.kind = context.patterns.normalTexcoord(material).empty() ? Kind::ByCosine : Kind::Varying;
   return entry;
 }
 

@@ -24,13 +24,15 @@ class DirectWeights {
     const Entry& entry = materials_[size_t(material)];
     return entry.kind == Kind::Constant && carriesSomething(entry.constant) ? &entry.constant : nullptr;
   }
-  // The material's path inputs have to be evaluated first.
+  // The material's path inputs have to be evaluated first, or its normal map.
   bool varies(int32_t material) const { return materials_[size_t(material)].kind == Kind::Varying; }
+  // Whether the surface is a thin sheet matters.
+  bool asksForThin(int32_t material) const { return materials_[size_t(material)].lobes[0][0].refracts; }
   // cosine: between the way back and the normal, as in Arrival. Precondition: not varies(material).
-  Vec3f weight(int32_t material, uint32_t side, float cosine) const {
+  Vec3f weight(int32_t material, bool thin, uint32_t side, float cosine) const {
     const Entry& entry = materials_[size_t(material)];
     if (entry.kind == Kind::Constant) return entry.constant;
-    return effectWeights(entry.lobes[side], cosine, false).absorption;
+    return effectWeights(entry.lobes[thin][side], cosine, false).absorption;
   }
 
  private:
@@ -38,9 +40,9 @@ class DirectWeights {
   struct Entry {
     Kind kind = Kind::Constant;
     Vec3f constant{1, 1, 1};
-    Lobes lobes[2];  // by side
+    Lobes lobes[2][2];  // of solids and of thin sheets, by side
   };
-  static Entry makeEntry(const ShadeContext& context, int32_t material, bool zero_extent_lights);
+  static Entry makeEntry(const ShadeContext& context, int32_t material, bool view_weight_in_shading);
 
   std::vector<Entry> materials_;
 };

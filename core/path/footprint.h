@@ -9,9 +9,19 @@
 
 namespace encore {
 
-// Some control of reuse, or a debug image, reads footprints.
+// Some control of reuse reads footprints.
 inline bool needsFootprints(const Settings& settings) {
-  return settings.footprint_reuse != FootprintReuse::Ignore || settings.max_reuse_distance > 0 || settings.debug_aovs;
+  return settings.footprint_reuse != FootprintReuse::Ignore || settings.max_reuse_distance > 0;
+}
+
+// Time or direction are part of the reuse distance (§5).
+inline bool needsAspect(const Settings& settings) {
+  return settings.method == Method::Reuse && (settings.reuse_time_weight > 0 || settings.reuse_direction_weight > 0);
+}
+// direction: of the ray that arrived, unit.
+inline Vec4f aspectOf(const Settings& settings, Vec3f direction, float time) {
+  const Vec3f d = direction * settings.reuse_direction_weight;
+  return {d.x, d.y, d.z, time * settings.reuse_time_weight};
 }
 
 // The key that shading is reused within. With FootprintReuse::Octaves the upper 6 bits of the instance tell

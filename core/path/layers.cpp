@@ -17,6 +17,12 @@ void markMaterials(const Scene& scene, const Instance& instance, std::vector<uin
   }
 }
 
+std::vector<uint8_t> usedMaterials(const Scene& scene) {
+  std::vector<uint8_t> used(scene.materials.size(), 0);
+  for (const Instance& instance : scene.instances) markMaterials(scene, instance, used);
+  return used;
+}
+
 }  // namespace
 
 const char* layerName(Layer layer) {
@@ -34,8 +40,7 @@ const char* layerName(Layer layer) {
 std::vector<Layer> sceneLayers(const Scene& scene, const Settings& settings) {
   std::vector<Layer> layers{Layer::Direct};
   if (settings.max_bounces == 0) return layers;  // the forced bounce of the others counts
-  std::vector<uint8_t> used(scene.materials.size(), 0);
-  for (const Instance& instance : scene.instances) markMaterials(scene, instance, used);
+  const std::vector<uint8_t> used = usedMaterials(scene);
   bool reflects = false, refracts = false;
   for (size_t i = 0; i < used.size(); ++i) {
     if (!used[i]) continue;
@@ -45,6 +50,13 @@ std::vector<Layer> sceneLayers(const Scene& scene, const Settings& settings) {
   if (reflects) layers.push_back(Layer::Reflection);
   if (refracts) layers.push_back(Layer::Refraction);
   return layers;
+}
+
+bool passesThrough(const Scene& scene) {
+  const std::vector<uint8_t> used = usedMaterials(scene);
+  for (size_t i = 0; i < used.size(); ++i)
+    if (used[i] && scene.materials[i].hasPresence()) return true;
+  return false;
 }
 
 }  // namespace encore

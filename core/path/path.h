@@ -29,30 +29,79 @@ struct FirstHit {
   bool active() const { return pixel != kNoPixel; }  // false: outside of the image; such slots give zero
 };
 
+// A path that passes a surface with presence or a cut-out goes straight on, uses up no bounce and stays in its layer.
+// First hits are what is left behind all that was passed: coverage, depth, normals and layers follow from them.
+
 // Camera rays of the image. film coordinates: pixels from the upper left corner of the image, y down.
 class CameraRays {
  public:
-  CameraRays(const Camera& camera, const Settings& settings);
-  Ray ray(float film_x, float film_y) const;
-  // d(direction)/dx and /dy for a step of one pixel (Igehy 1999, eq. 8); the origin does not move.
-  void differential(float film_x, float film_y, Vec3f& dddx, Vec3f& dddy) const;
-  float depth(Vec3f point) const;  // along -Z of the camera, world units
+  // moves: the scene does (Scene::moves()), so that samples have times.
+  CameraRays(const Camera& camera, const Settings& settings, bool moves = false);
 
-  Vec3f origin() const { return origin_; }
-
+  // What the camera does with a sample: its place on the film, and the random number key that its place on the lens
+  // and its time come from. Those of a pixel's samples stratify, together with their places on the film.
+  struct Sample {
+    float film_x = 0, film_y = 0;
+    uint32_t pixel = 0, sample = 0;
+  };
+  Ray ray(const Sample& sample) const;
+  Ray ray(const FirstHit& first) const { return ray(sampleOf(first)); }
+  float time(const Sample& sample) const;  // 0 to 1; 0 where nothing moves
+  bool moves() const { return moves_; }    // samples have times
+  bool ownOrigins() const { return lens_radius_ > 0 || orthographic_ || !poses_.empty(); }  // not all in one point
+  // Changes of origin and direction for a step of one pixel (Igehy 1999, eq. 8), lens and time as they are.
+  void differential(const Sample& sample, Vec3f& dpdx, Vec3f& dpdy, Vec3f& dddx, Vec3f& dddy) const;
+  float depth(Vec3f point) const;                 // along -Z of the camera at the frame's time, world units
+  Vec3f origin() const { return still_.origin; }  // of all rays, where they have the same
   // ray() and depth() of kPacketWidth rays, the same to the last bit. Depths of misses are infinite.
-  void rays(const float* film_x, const float* film_y, RayPacket& rays) const;
+  // pixel and sample are only read where the lens or time is.
+  void rays(const float* film_x, const float* film_y, const uint32_t* pixel, const uint32_t* sample,
+            RayPacket& rays) const;
   void depths(const RayPacket& rays, const HitPacket& hits, PacketLanes<float>& depth) const;
 
- private:
-  Vec3f filmDirection(float film_x, float film_y) const;  // not normalized; affine in the film coordinates
+  static Sample sampleOf(const FirstHit& first) { return {first.film_x, first.film_y, first.pixel, first.sample}; }
 
-  Vec3f origin_;
-  Vec3f centre_, step_x_, step_y_;  // filmDirection at the middle of the film, and its change over a pixel
-  Vec3f forward_;                   // unit normal of the clipping planes
+ private:
+  // The camera at one time, in world space.
+  struct Pose {
+    Vec3f origin;
+    // Where the middle of the film looks (not normalized), and what a pixel adds to it; of an orthographic camera, to
+    // the origin.
+    Vec3f centre, step_x, step_y;
+    Vec3f lens_x, lens_y;  // a local unit along the lens
+    Vec3f forward;         // unit normal of planes of equal local z, away from the camera
+  };
+  // A ray before its direction is normalized.
+  struct Aim {
+    Vec3f origin, direction;
+  };
+
+  Pose poseOf(const Affine3d& to_world, const Camera& camera) const;
+  Pose poseAt(float time) const;
+  float sampleTime(const Sample& sample) const;
+  Vec2f lensPoint(const Sample& sample) const;  // local units
+  Aim aim(const Pose& pose, float film_x, float film_y, Vec2f lens) const;
+  Ray finish(const Pose& pose, const Aim& aim, float film_x, float film_y, Vec2f lens, float time) const;
+  void clip(float film_x, float film_y, Vec2f lens, float size, Ray& ray) const;
+  void pinholeRays(const float* film_x, const float* film_y, RayPacket& rays) const;
+  uint32_t rank(const Sample& sample) const;
+
+  Pose still_;                      // at the frame's time
+  std::vector<Pose> poses_;         // at uniform times from shutter open to close; empty: it does not move
   float half_width_, half_height_;  // pixels
   float near_, far_;
+  bool moves_, orthographic_;
+  uint32_t seed_;
+  std::vector<uint32_t> ranks_;    // of the strata of a pixel, along a Z curve; only where lens or time is
+  float lens_radius_, lens_step_;  // local units; lens_step_: change of the direction per unit along the lens
+  std::vector<Vec2f> aperture_;    // corners on the unit circle, the first one again at the end; empty: a disk
+  Vec2f local_centre_, local_step_;
+  std::vector<ClippingPlane> planes_;
 };
+
+// Some surface of the scene lets paths pass (presence and cut-outs), so that first hits are not those of single rays:
+// retraceFirstHits() must not be asked for them.
+bool passesThrough(const Scene& scene);
 
 // Where the values of a batch's samples in one layer go, in slot order (core/reuse): the host's view of memory that
 // the device reads. What is empty is not needed; the rest is as long as the batch.
@@ -61,6 +110,7 @@ struct SampleOutputs {
   std::span<Vec2f> uv;        // 0 without a surface
   std::span<Vec3f> throughput;
   std::span<float> footprint;  // r of §2.4 in the units of uv; 0 without a surface
+  std::span<Vec4f> aspect;     // direction of the arriving ray and time, times their weights; 0 without a surface
 };
 
 // What all layers of a batch share, in slot order. Empty: not needed.

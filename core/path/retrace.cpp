@@ -19,8 +19,9 @@ class NumberedPacket {
       const uint32_t in_block = slot / strata.count();
       const uint32_t x = layout.x0 + in_block % kBlockPixels, y = layout.y0 + in_block / kBlockPixels;
       pixel_[lane] = y * settings.width + x, sample_[lane] = s;
+      const Strata::Pattern pattern = strata.pattern(pixel_[lane], settings.seed);
       const uint32_t position =
-          jitteredPosition(strata.column[s], strata.row[s], strata.across, pixel_[lane], s, settings.seed);
+          jitteredPosition(pattern.column[s], pattern.row[s], strata.across(), pixel_[lane], s, settings.seed);
       film_x_[lane] = filmX(x, position), film_y_[lane] = filmY(y, position);
     }
   }
@@ -28,11 +29,13 @@ class NumberedPacket {
   uint32_t count() const { return count_; }
   RayPacket rays(const CameraRays& camera) const {
     RayPacket rays;
-    camera.rays(film_x_, film_y_, rays);
+    camera.rays(film_x_, film_y_, pixel_, sample_, rays);
     return rays;
   }
-  FirstHit firstHit(uint32_t lane, const HitPacket& hits) const {
-    return {hits.hit(lane), film_x_[lane], film_y_[lane], pixel_[lane], sample_[lane]};
+  FirstHit firstHit(const CameraRays& camera, uint32_t lane, const HitPacket& hits) const {
+    FirstHit first{hits.hit(lane), film_x_[lane], film_y_[lane], pixel_[lane], sample_[lane]};
+    if (first.hit.valid()) first.hit.time = camera.time(CameraRays::sampleOf(first));
+    return first;
   }
 
  private:
@@ -49,7 +52,7 @@ class BlockRetrace {
         camera_(camera),
         strata_(strata),
         layout_(block, context.settings),
-        tracer_(context.trace, camera.origin()),
+        tracer_(context.trace, camera.origin(), camera.ownOrigins()),
         packet_(strata, layout_, context.settings, 0) {}
 
   FirstHit trace(uint32_t slot) {
@@ -57,7 +60,7 @@ class BlockRetrace {
     if (!layout_.inside(pixel % kBlockPixels, pixel / kBlockPixels)) return {};
     const uint32_t place = layout_.place(slot);
     if (place / kPacketWidth != number_) tracePacket(place / kPacketWidth);
-    return packet_.firstHit(place % kPacketWidth, hits_);
+    return packet_.firstHit(camera_, place % kPacketWidth, hits_);
   }
 
  private:
@@ -104,7 +107,7 @@ RawTrace timeRawPrimaryRays(const TraceScene& trace, const CameraRays& camera, c
   tbb::parallel_for(size_t{0}, blocks.size(), [&](size_t b) {
     const FlushDenormals flush;
     const BlockLayout layout(blocks[b], settings);
-    PacketTracer tracer(trace, camera.origin());
+    PacketTracer tracer(trace, camera.origin(), camera.ownOrigins());
     std::vector<RayPacket> packets;
     double seconds = 0;
     // Whole packets only: the last one of a block may be short, and is left out.

@@ -1,5 +1,7 @@
 #include "core/path/scatter.h"
 
+#include "core/shade/interface_shares.h"
+
 namespace encore {
 
 namespace {
@@ -16,6 +18,23 @@ Bounce mirrored(const Arrival& arrival, Vec3f n) {
   const float cosine = dot(n, arrival.wo);
   const Vec3f weight = effectWeights(arrival.lobes, cosine, true).reflection;
   return {normalize(n * (2 * cosine) - arrival.wo), weight, n, maxComponent(weight) > 0};
+}
+
+// The angle across a square of the same solid angle as the lobe: facets fill about pi alpha² (1 / D at its peak), what
+// they reflect turns twice as far, and what they refract by 1 - 1 / eta. at_normal: the facet is the surface's own.
+float lobeWidth(const Lobes& lobes, Effect effect, bool at_normal) {
+  const float across = std::sqrt(kPi);
+  if (effect == Effect::Refract) {
+    if (lobes.thin) return 2 * across * sheetAlpha(lobes);
+    return across * lobes.alpha * std::abs(1 - 1 / lobes.eta);
+  }
+  if (at_normal) return 0;  // of a smooth lobe beside a rough one
+  const bool coat = lobes.coat_traced && lobes.clearcoat > 0 && lobes.coat_alpha > 0;
+  const bool specular = lobes.specular_traced && lobes.alpha > 0;
+  const float alpha = coat && specular ? std::min(lobes.alpha, lobes.coat_alpha)
+                      : coat           ? lobes.coat_alpha
+                                       : lobes.alpha;
+  return 2 * across * alpha;
 }
 
 }  // namespace
@@ -67,13 +86,16 @@ Departure depart(const Arrival& arrival, Effect effect, const BounceRandom& rand
   };
   Departure d;
   Bounce bounce = sample(arrival.n);
+  Vec3f bounce_normal = arrival.n;
   d.dn1 = arrival.dn1, d.dn2 = arrival.dn2;
   if (bounce.valid && !leavesRightly(bounce)) {
     bounce = sample(arrival.ng);
+    bounce_normal = arrival.ng;
     d.dn1 = d.dn2 = {};
   }
   d.direction = bounce.direction, d.weight = bounce.weight, d.normal = bounce.half_vector;
   d.valid = leavesRightly(bounce);
+  if (chance) d.lobe_width = lobeWidth(arrival.lobes, effect, bounce.half_vector == bounce_normal);
   return d;
 }
 

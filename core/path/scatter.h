@@ -39,6 +39,7 @@ struct Departure {
   Vec3f direction, weight;
   Vec3f normal;  // that it was bent about, on the side of the arrival
   Vec3f dn1, dn2;
+  float lobe_width = 0;  // radians; 0: the lobe is smooth
   bool valid = false;
 };
 // effect: Reflect or Refract. The result lies on the right side of the geometric surface: where the shading

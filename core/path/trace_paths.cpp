@@ -8,9 +8,11 @@
 #include "core/path/differentials.h"
 #include "core/path/direct_layer.h"
 #include "core/path/footprint.h"
+#include "core/path/pass_through.h"
 #include "core/path/path.h"
-#include "core/path/scatter.h"
+#include "core/path/path_materials.h"
 #include "core/shade/lights.h"
+#include "core/trace/pattern_points.h"
 #include "core/trace/traced_triangle.h"
 
 namespace encore {
@@ -26,26 +28,24 @@ void endWithout(PathVertex& vertex, Vec3f radiance) {
   vertex.dpdx = vertex.dpdy = {};
 }
 
-// How the direction of a path's ray changes over a pixel step. The change of its origin is kept in the
-// vertex's dpdx and dpdy until the ray arrives.
-struct Spread {
-  Vec3f x, y;
+// What is known of a ray before it is traced.
+struct Flight {
+  uint32_t path, place;  // place: among the paths of its block
+  bool reflected;
+  Spread spread;
 };
 
-// The paths of one block that have arrived on a surface, and how their rays spread.
+// The paths of one block that have arrived on a surface.
 struct BlockPaths {
-  std::vector<uint32_t> paths;  // indices into the vertices, ascending
-  std::vector<Spread> spreads;  // of each; empty in the direct layer, where it is the camera's
-  size_t first_input = 0;       // of the block, in the batch's evaluated inputs
-};
-
-// What all hits on a material share.
-struct PathMaterial {
-  bool feeds_layer = false;
-  bool varies = false;  // the lobes are those of each hit's inputs
-  bool view_weight_in_shading = false;
-  Lobes lobes[2];  // by side
-  bool absorbs_all[2] = {false, false};
+  std::vector<uint32_t> paths;  // indices into the vertices
+  // How the ray of each spreads; empty in the direct layer, where it is the camera's. The change of its origin is in
+  // the vertex's dpdx and dpdy until the ray arrives.
+  std::vector<Spread> spreads;
+  std::vector<Interior> interiors;  // the solids that each is in, where there are any
+  size_t first_input = 0;           // of the block, in the batch's evaluated inputs
+  // Those that have met what they may pass.
+  std::vector<Passage> passages;
+  std::vector<Flight> held;
 };
 
 bool atFiniteDistance(const Light& light) {
@@ -55,9 +55,7 @@ bool atFiniteDistance(const Light& light) {
 // Somebody looks at how pixels spread: footprints of (u, v), or textures.
 bool readsSpread(const ShadeContext& context) {
   if (needsFootprints(context.settings) || context.settings.method == Method::Vertex) return true;
-  for (int32_t i = 0; i < int32_t(context.scene.materials.size()); ++i)
-    if (!context.patterns.texcoordName(i).empty()) return true;
-  return false;
+  return context.patterns.readsTextures();
 }
 
 class Wavefront {
@@ -74,16 +72,17 @@ class Wavefront {
         lean_(!out.key.empty() || !out.throughput.empty()),
         footprints_(!out.footprint.empty() || needsFootprints(context.settings)),
         spreads_(!lean_ || footprints_ || readsSpread(context)),
-        camera_lights_(cameraLights(context.scene, context.settings)) {
-    const bool delta = anyDelta(context.scene.lights);
-    for (const Material& material : context.scene.materials) materials_.push_back(makeMaterial(material, delta));
+        aspects_(needsAspect(context.settings)),
+        camera_lights_(cameraLights(context.scene, context.settings)),
+        materials_(context, layer),
+        pass_through_(context, layer != Layer::Direct) {
     std::copy_if(context.scene.lights.begin(), context.scene.lights.end(), std::back_inserter(finite_lights_),
                  atFiniteDistance);
   }
 
   // Returns the number of paths that end on a surface.
   uint64_t run() {
-    if (std::any_of(materials_.begin(), materials_.end(), [](const PathMaterial& m) { return m.varies; }))
+    if (materials_.anyVaries() || (layer_ != Layer::Direct && pass_through_.evaluates()))
       runTogether();
     else
       runApart();
@@ -91,22 +90,6 @@ class Wavefront {
   }
 
  private:
-  PathMaterial makeMaterial(const Material& material, bool zero_extent_lights) const {
-    const float limit = context_.settings.roughness_limit;
-    const int32_t index = int32_t(materials_.size());
-    PathMaterial m;
-    m.feeds_layer = layer_ == Layer::Direct ||
-                    (layer_ == Layer::Reflection ? feedsReflection(material, limit) : feedsRefraction(material));
-    m.varies = context_.patterns.pathVaries(index);
-    m.view_weight_in_shading = viewWeightInShading(material, limit, zero_extent_lights);
-    if (m.varies) return m;
-    for (const bool back : {false, true}) {
-      m.lobes[back] = makeLobes(material, context_.patterns.constantPath(index), back, limit);
-      m.absorbs_all[back] = absorbsAll(m.lobes[back], m.view_weight_in_shading);
-    }
-    return m;
-  }
-
   // Nothing has to be evaluated for the whole batch: each block goes through all of its bounces in cache.
   void runApart() {
     forEachBlock(ends_, [&](size_t, uint32_t begin, uint32_t end) {
@@ -114,7 +97,12 @@ class Wavefront {
       const std::vector<uint32_t> started = block.paths;
       if (!started.empty()) {
         TriangleCache triangles(context_.trace);
-        for (uint32_t bounce = 0; !block.paths.empty(); ++bounce) advance(block, bounce, triangles);
+        for (uint32_t bounce = 0; !block.paths.empty(); ++bounce) {
+          advance(block, bounce, triangles);
+          if (block.passages.empty()) continue;
+          pass_through_.run(std::span(&block.passages, 1));
+          land(block);
+        }
       }
       store(started);
     });
@@ -134,8 +122,19 @@ class Wavefront {
         TriangleCache triangles(context_.trace);
         advance(blocks[block], bounce, triangles);
       });
+      passThrough(blocks);
     }
     forEachBlock(ends_, [&](size_t block, uint32_t, uint32_t) { store(started[block]); });
+  }
+
+  void passThrough(std::vector<BlockPaths>& blocks) {
+    const auto holds = [](const BlockPaths& block) { return !block.passages.empty(); };
+    if (std::none_of(blocks.begin(), blocks.end(), holds)) return;
+    std::vector<std::vector<Passage>> passages(blocks.size());
+    for (size_t b = 0; b < blocks.size(); ++b) passages[b].swap(blocks[b].passages);
+    pass_through_.run(passages);
+    for (size_t b = 0; b < blocks.size(); ++b) passages[b].swap(blocks[b].passages);
+    forEachBlock(ends_, [&](size_t b, uint32_t, uint32_t) { land(blocks[b]); });
   }
 
   // The values of finished paths.
@@ -153,6 +152,7 @@ class Wavefront {
     if (!out_.uv.empty()) out_.uv[i] = v.uv;
     if (!out_.throughput.empty()) out_.throughput[i] = v.throughput;
     if (!out_.footprint.empty()) out_.footprint[i] = v.footprint;
+    if (!out_.aspect.empty()) out_.aspect[i] = v.aspect;
   }
 
   // What most slots of a layer keep: nothing.
@@ -161,7 +161,7 @@ class Wavefront {
       if (!values.empty()) std::fill(values.begin() + begin, values.begin() + end, value);
     };
     fill(out_.key, SurfaceKey{kNoInstance, 0}), fill(out_.uv, Vec2f{});
-    fill(out_.throughput, Vec3f{}), fill(out_.footprint, 0.0f);
+    fill(out_.throughput, Vec3f{}), fill(out_.footprint, 0.0f), fill(out_.aspect, Vec4f{});
   }
 
   BlockPaths start(uint32_t begin, uint32_t end) {
@@ -173,6 +173,7 @@ class Wavefront {
       block.paths.push_back(i);
       if (layer_ != Layer::Direct) block.spreads.push_back(cameraSpread(i));
     }
+    if (pass_through_.solids()) block.interiors.resize(block.paths.size());
     return block;
   }
 
@@ -185,7 +186,7 @@ class Wavefront {
     bool operator()(const Hit& hit) {
       if (hit.triangle == last.triangle && hit.mesh == last.mesh && hit.instance == last.instance) return feeds;
       last = hit;
-      feeds = hit.valid() && wavefront.materials_[size_t(wavefront.context_.trace.material(hit))].feeds_layer;
+      feeds = hit.valid() && wavefront.materials_[wavefront.context_.trace.material(hit)].feeds_layer;
       return feeds;
     }
   };
@@ -196,11 +197,13 @@ class Wavefront {
     const bool follows = first.active() && feeds(first.hit);
     if (!follows && lean_ && layer_ != Layer::Direct) return false;  // the outputs have it already
     PathVertex& vertex = vertices_[i];
-    vertex = {first.hit, {1, 1, 1}, {}, {}, {}, first.pixel, first.sample, {kNoInstance, 0}, {}};
+    vertex = {};
+    vertex.hit = first.hit, vertex.throughput = {1, 1, 1}, vertex.pixel = first.pixel, vertex.sample = first.sample;
     if (!first.active()) return endWithout(vertex, {}), false;
-    vertex.direction = camera_.ray(first.film_x, first.film_y).direction;
+    const Ray ray = camera_.ray(first);
+    vertex.direction = ray.direction;
     if (!camera_lights_.empty()) {
-      const LightHit light = intersectLights(camera_lights_, camera_.origin(), vertex.direction, first.hit.t);
+      const LightHit light = intersectLights(context_.lights, camera_lights_, ray.origin, ray.direction, first.hit.t);
       // What covers the camera's ray belongs to the direct layer only.
       if (light.valid) {
         endWithout(vertex, layer_ == Layer::Direct ? light.radiance : Vec3f{});
@@ -208,12 +211,17 @@ class Wavefront {
       }
     }
     if (!follows) return endWithout(vertex, {}), false;
+    if (spreads_ && camera_.ownOrigins()) {
+      Spread spread;
+      camera_.differential(CameraRays::sampleOf(first), vertex.dpdx, vertex.dpdy, spread.x, spread.y);
+    }
     return true;
   }
 
   Spread cameraSpread(uint32_t i) const {
     Spread spread;
-    if (spreads_) camera_.differential(first_[i].film_x, first_[i].film_y, spread.x, spread.y);
+    Vec3f dpdx, dpdy;
+    if (spreads_) camera_.differential(CameraRays::sampleOf(first_[i]), dpdx, dpdy, spread.x, spread.y);
     return spread;
   }
   Spread spreadOf(const BlockPaths& block, size_t k) const {
@@ -231,93 +239,107 @@ class Wavefront {
   // Path inputs of all active hits whose material varies, in one dispatch for the batch; those of a block
   // stand together, in the order of its paths.
   void evaluatePathInputs(std::vector<BlockPaths>& blocks) {
-    std::vector<std::vector<PatternPoint>> block_points(blocks.size());
+    std::vector<PatternPoints> block_points(blocks.size());
     forEachBlock(ends_, [&](size_t b, uint32_t, uint32_t) {
       for (size_t k = 0; k < blocks[b].paths.size(); ++k) {
         const PathVertex& v = vertices_[blocks[b].paths[k]];
-        if (materials_[size_t(context_.trace.material(v.hit))].varies)
-          block_points[b].push_back(patternPoint(v, spreadOf(blocks[b], k)));
+        if (materials_[context_.trace.material(v.hit)].varies) addPathPoint(v, spreadOf(blocks[b], k), block_points[b]);
       }
     });
-    std::vector<PatternPoint> points;
+    PatternPoints points;
     for (size_t b = 0; b < blocks.size(); ++b) {
       blocks[b].first_input = points.size();
-      points.insert(points.end(), block_points[b].begin(), block_points[b].end());
+      points.append(block_points[b]);
     }
     inputs_.resize(points.size());
-    if (!points.empty()) context_.patterns.evaluatePath(points, inputs_);
+    if (!points.empty()) context_.patterns.evaluate(points, inputs_);
   }
 
-  PatternPoint patternPoint(PathVertex v, const Spread& spread) const {
+  void addPathPoint(PathVertex v, const Spread& spread, PatternPoints& points) const {
     const SurfacePoint point = context_.trace.surface(v.hit, v.direction, false);
     arriveFootprint(v, spread, point);
-    const std::string& name = context_.patterns.texcoordName(point.material);
-    const int32_t slot = name.empty() ? -1 : context_.trace.texcoordSlot(v.hit, name);
-    const TexcoordPoint t = context_.trace.texcoord(v.hit, point, slot, v.dpdx, v.dpdy);
-    return {uint32_t(point.material), t.st, t.dstdx, t.dstdy, context_.trace.displayColor(v.hit)};
+    appendPatternPoint(context_.trace, context_.patterns.layout(PatternPart::Path, point.material), v.hit, point,
+                       v.direction, v.dpdx, v.dpdy, points);
   }
-
-  // What is known of a ray before it is traced.
-  struct Flight {
-    uint32_t path;
-    bool reflected;
-    Spread spread;
-  };
 
   // One effect for every active path of a block, and the rays of those that go on.
   void advance(BlockPaths& block, uint32_t bounce, TriangleCache& triangles) {
     BlockPaths next;
     next.paths.reserve(block.paths.size()), next.spreads.reserve(block.paths.size());
-    const auto land = [&](const Flight& flight, const Ray& ray, const Hit& hit) {
-      if (!arriveAt(flight, ray, hit)) return;
-      next.paths.push_back(flight.path);
-      next.spreads.push_back(flight.spread);
+    const auto meet = [&](const Flight& flight, const Ray& ray, const Hit& hit) {
+      const Interior* const interior = block.interiors.empty() ? nullptr : &block.interiors[flight.place];
+      if (pass_through_.mayPass(hit, interior)) return hold(next, flight, ray, hit, interior, bounce);
+      arriveAt(next, flight, ray, hit, interior);
     };
     // Paths of neighbouring samples stay close enough for packets, even after several bounces.
-    RayQueue<Flight, decltype(land)> queue(context_, Coherence::Coherent, land);
+    RayQueue<Flight, decltype(meet)> queue(context_, Coherence::Coherent, meet);
     size_t next_input = block.first_input;
-    for (size_t k = 0; k < block.paths.size(); ++k) {
+    for (uint32_t k = 0; k < block.paths.size(); ++k) {
       PathVertex& v = vertices_[block.paths[k]];
       TracedTriangle& triangle = triangles.triangle(v.hit);
-      const PathMaterial& material = materials_[size_t(triangle.material())];
-      const SurfacePoint point = triangle.surface(v.hit, v.direction);
+      const PathMaterial& material = materials_[triangle.material()];
+      SurfacePoint point = triangle.surface(v.hit, v.direction);
       const PathInputs* const inputs = material.varies ? &inputs_[next_input++] : nullptr;
       const Spread spread = spreadOf(block, k);
-      if (bounce > 0 && material.absorbs_all[point.side]) {
+      if (bounce > 0 && material.absorbs_all[point.thin][point.side]) {
         arriveFootprint(v, spread, point);
         absorb(v, point);
         continue;
       }
-      const Arrival arrival = arrive(point, v.direction, inputs ? lobesOf(point, *inputs) : material.lobes[point.side],
+      if (material.mapped) materials_.mapNormal(v.hit, inputs, point);
+      Interface interface;
+      if (!block.interiors.empty() && !point.thin && pass_through_.isSolid(point.material)) {
+        interface.interior = &block.interiors[k];
+        interface.solid = pass_through_.solidOf(v.hit, point.material, inputs);
+        interface.other_ior = interface.interior->outside(interface.solid, point.side != 0);
+      }
+      const Arrival arrival = arrive(point, v.direction, materials_.lobesOf(point, inputs, interface.other_ior),
                                      material.view_weight_in_shading);
-      follow(block.paths[k], spread, arrival, bounce, triangle, queue);
+      follow({block.paths[k], k, false, spread}, arrival, interface, bounce, triangle, queue);
     }
     queue.finish();
     block = std::move(next);
   }
 
-  Lobes lobesOf(const SurfacePoint& point, const PathInputs& inputs) const {
-    return makeLobes(context_.scene.materials[size_t(point.material)], inputs, point.side != 0,
-                     context_.settings.roughness_limit);
+  // Of a solid.
+  struct Interface {
+    Interior* interior = nullptr;  // of the path; null: not a solid's
+    Solid solid;
+    float other_ior = 1;
+  };
+
+  // Waits until what it met is known to stop it.
+  void hold(BlockPaths& block, const Flight& flight, const Ray& ray, const Hit& hit, const Interior* interior,
+            uint32_t bounce) const {
+    const PathVertex& v = vertices_[flight.path];
+    block.passages.push_back({ray, hit, v.pixel, v.sample, 1 + bounce * kMaxLayers + uint32_t(layer_), v.dpdx, v.dpdy,
+                              flight.spread, interior ? *interior : Interior{}, uint32_t(block.held.size())});
+    block.held.push_back(flight);
+  }
+  void land(BlockPaths& block) {
+    for (const Passage& p : block.passages)
+      arriveAt(block, block.held[p.index], p.ray, p.hit, pass_through_.solids() ? &p.interior : nullptr);
+    block.passages.clear(), block.held.clear();
   }
 
   // The path ends on this surface.
   void absorb(PathVertex& vertex, const SurfacePoint& point) const {
     vertex.key = point.key(vertex.hit.instance);
     vertex.uv = point.uv;
+    if (aspects_) vertex.aspect = aspectOf(context_.settings, vertex.direction, vertex.hit.time);
     if (!footprints_) return;
     vertex.footprint = context_.trace.parametricFootprint(vertex.hit, point, vertex.dpdx, vertex.dpdy);
     vertex.key = reuseKey(vertex.key, vertex.footprint, context_.settings.footprint_reuse);
   }
 
   template <class Queue>
-  void follow(uint32_t i, const Spread& spread, const Arrival& arrival, uint32_t bounce, TracedTriangle& triangle,
-              Queue& queue) {
-    PathVertex& vertex = vertices_[i];
+  void follow(Flight flight, const Arrival& arrival, const Interface& interface, uint32_t bounce,
+              TracedTriangle& triangle, Queue& queue) {
+    PathVertex& vertex = vertices_[flight.path];
     const BounceRandom random(context_.settings.seed, vertex.pixel, vertex.sample, layer_, bounce);
     const ChosenEffect chosen = choose(arrival, bounce, random);
     if (!(chosen.probability > 0)) return endWithout(vertex, {});
-    arriveFootprint(vertex, spread, arrival.point);
+    arriveFootprint(vertex, flight.spread, arrival.point);
     vertex.throughput *= 1 / chosen.probability;
     if (chosen.effect == Effect::Absorb) {
       vertex.throughput *= arrival.weights().absorption;
@@ -327,12 +349,15 @@ class Wavefront {
     const Departure departure = depart(arrival, chosen.effect, random);
     vertex.throughput *= departure.weight;
     if (!departure.valid || !carriesSomething(vertex.throughput)) return endWithout(vertex, {});
-    const Spread bent = spreads_ ? bend(arrival, departure, chosen.effect, vertex, spread, triangle) : Spread{};
+    flight.reflected = chosen.effect == Effect::Reflect;
+    if (interface.interior && !flight.reflected) interface.interior->pass(interface.solid, arrival.point.side != 0);
+    if (spreads_) flight.spread = bend(arrival, departure, chosen.effect, vertex, flight.spread, triangle);
     vertex.direction = departure.direction;
     SurfacePoint point = arrival.point;
     point.position_error = triangle.positionError(vertex.hit, point);  // only rays that leave need it
-    queue.push({point.offsetOrigin(departure.direction), 0, departure.direction},
-               {i, chosen.effect == Effect::Reflect, bent});
+    Ray ray{point.offsetOrigin(departure.direction), 0, departure.direction};
+    ray.time = vertex.hit.time;
+    queue.push(ray, flight);
   }
 
   // First hits do what the layer is for, with certainty; the last allowed bounce leaves only absorption,
@@ -344,9 +369,10 @@ class Wavefront {
     return chooseEffect(arrival.weights(), random);
   }
 
-  static Spread bend(const Arrival& arrival, const Departure& departure, Effect effect, const PathVertex& vertex,
-                     const Spread& spread, TracedTriangle& triangle) {
+  Spread bend(const Arrival& arrival, const Departure& departure, Effect effect, const PathVertex& vertex,
+              const Spread& spread, TracedTriangle& triangle) const {
     const auto one = [&](Vec3f dp, Vec3f dd) {
+      if (effect == Effect::Refract && arrival.lobes.thin) return dd;
       const Vec2f b = triangle.barycentricChange(dp);
       const Vec3f dn = departure.dn1 * b.x + departure.dn2 * b.y;
       const Vec3f bent = effect == Effect::Reflect ? reflectDifferential(vertex.direction, departure.normal, dd, dn)
@@ -354,19 +380,25 @@ class Wavefront {
                                                                          departure.normal, arrival.lobes.eta, dd, dn);
       return limited(bent, kLargestDirectionChange);
     };
-    return {one(vertex.dpdx, spread.x), one(vertex.dpdy, spread.y)};
+    const Spread bent{one(vertex.dpdx, spread.x), one(vertex.dpdy, spread.y)};
+    if (!(departure.lobe_width > 0)) return bent;
+    // The samples of a pixel share the lobe.
+    const Spread wide = widened(bent, departure.direction, departure.lobe_width / float(context_.settings.samples));
+    return {limited(wide.x, kLargestDirectionChange), limited(wide.y, kLargestDirectionChange)};
   }
 
-  // False: the ray met a light or nothing, and the path has ended.
-  bool arriveAt(const Flight& flight, const Ray& ray, const Hit& hit) {
+  // The path goes on from what it met, or has ended on a light or on nothing.
+  void arriveAt(BlockPaths& block, const Flight& flight, const Ray& ray, const Hit& hit, const Interior* interior) {
     PathVertex& vertex = vertices_[flight.path];
     // Nothing at infinity is seen beyond a hit.
     const std::span<const Light> lights = hit.valid() ? finite_lights_ : context_.scene.lights;
-    const LightHit light = intersectLights(lights, ray.origin, ray.direction, hit.t);
-    if (light.valid) return endWithout(vertex, flight.reflected ? light.specular_radiance : light.radiance), false;
-    if (!hit.valid()) return endWithout(vertex, {}), false;
+    const LightHit light = intersectLights(context_.lights, lights, ray.origin, ray.direction, hit.t);
+    if (light.valid) return endWithout(vertex, flight.reflected ? light.specular_radiance : light.radiance);
+    if (!hit.valid()) return endWithout(vertex, {});
     vertex.hit = hit;
-    return true;
+    block.paths.push_back(flight.path);
+    block.spreads.push_back(flight.spread);
+    if (interior) block.interiors.push_back(*interior);
   }
 
   const ShadeContext& context_;
@@ -377,10 +409,11 @@ class Wavefront {
   std::span<PathVertex> vertices_;
   const SampleOutputs& out_;
   bool lean_;  // nobody reads vertices of paths that end without a surface
-  bool footprints_, spreads_;
+  bool footprints_, spreads_, aspects_;
   std::atomic<uint64_t> on_surface_{0};
   std::vector<Light> camera_lights_, finite_lights_;
-  std::vector<PathMaterial> materials_;
+  PathMaterials materials_;
+  PassThrough pass_through_;
   std::vector<PathInputs> inputs_;  // of the active paths whose material varies
 };
 

@@ -1,4 +1,5 @@
-// compileGlsl(): glslang behind one function.
+#include "core/pattern/compile_glsl.h"
+
 #include <glslang/Public/ResourceLimits.h>
 #include <glslang/Public/ShaderLang.h>
 #include <glslang/SPIRV/GlslangToSpv.h>
@@ -46,14 +47,12 @@ void initializeGlslang() {
   static const Process process;
 }
 
-[[noreturn]] void raise(const std::string& name, const char* step, const std::string& log) {
-  throw Error(ErrorKind::Internal, std::string("the shader does not ") + step + ":\n" + log, name,
-              "Report this with the scene that caused it");
-}
+// Part of every cache file's key: raise it when the options below change.
+constexpr int kOptionsVersion = 1;
 
 }  // namespace
 
-std::vector<uint32_t> compileGlsl(const std::string& source, const std::string& name) {
+GlslResult tryCompileGlsl(const std::string& source, const std::string& name) {
   initializeGlslang();
   const char* const text = source.c_str();
   const char* const text_name = name.c_str();
@@ -67,19 +66,39 @@ std::vector<uint32_t> compileGlsl(const std::string& source, const std::string& 
   shader.setEnvClient(glslang::EShClientVulkan, glslang::EShTargetVulkan_1_3);
   shader.setEnvTarget(glslang::EShTargetSpv, glslang::EShTargetSpv_1_6);
   if (!shader.parse(GetDefaultResources(), 460, false, kMessages, includer))
-    raise(name, "compile", shader.getInfoLog());
+    return {{}, "compile", shader.getInfoLog()};
 
   glslang::TProgram program;
   program.addShader(&shader);
-  if (!program.link(kMessages)) raise(name, "link", program.getInfoLog());
+  if (!program.link(kMessages)) return {{}, "link", program.getInfoLog()};
 
-  std::vector<uint32_t> spirv;
+  GlslResult result;
   spv::SpvBuildLogger logger;
   glslang::SpvOptions options;
   options.disableOptimizer = true;  // the driver's does the same work again
-  glslang::GlslangToSpv(*program.getIntermediate(EShLangCompute), spirv, &logger, &options);
-  if (spirv.empty()) raise(name, "translate to SPIR-V", logger.getAllMessages());
-  return spirv;
+  glslang::GlslangToSpv(*program.getIntermediate(EShLangCompute), result.spirv, &logger, &options);
+  if (result.spirv.empty()) return {{}, "translate to SPIR-V", logger.getAllMessages()};
+  return result;
+}
+
+std::vector<uint32_t> compileGlsl(const std::string& source, const std::string& name) {
+  GlslResult result = tryCompileGlsl(source, name);
+  if (result.spirv.empty())
+    throw Error(ErrorKind::Internal, "the shader does not " + result.failed_step + ":\n" + result.log, name,
+                "Report this with the scene that caused it");
+  return std::move(result.spirv);
+}
+
+const std::string& glslFingerprint() {
+  static const std::string fingerprint = [] {
+    const glslang::Version version = glslang::GetVersion();
+    std::string text = "encore " + std::to_string(kOptionsVersion) + ", glslang " + std::to_string(version.major) +
+                       "." + std::to_string(version.minor) + "." + std::to_string(version.patch) + version.flavor +
+                       "\n";
+    for (const GlslText& file : kGlslTexts) text.append(file.name).append("\n").append(file.text);
+    return text;
+  }();
+  return fingerprint;
 }
 
 }  // namespace encore

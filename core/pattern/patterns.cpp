@@ -1,9 +1,16 @@
 #include "core/pattern/patterns.h"
 
+#include <unistd.h>
+
+#include <algorithm>
+#include <bit>
 #include <cstring>
+#include <optional>
 #include <utility>
 
+#include "core/pattern/compile_glsl.h"
 #include "core/pattern/network.h"
+#include "core/pattern/texture_nodes.h"
 #include "core/pattern/texture_store.h"
 #include "core/scene/error.h"
 
@@ -11,114 +18,303 @@ namespace encore {
 namespace {
 
 constexpr uint32_t kLocalSize = 64;  // of evaluate.glsl
+constexpr uint32_t kNoProgram = 0xffffffffu;
+
+template <class Outputs>
+constexpr size_t kFloats = sizeof(Outputs) / sizeof(float);  // records of values hold nothing else
 
 // Push constants of evaluate.glsl.
 struct Arguments {
-  uint64_t points, values, levels;
-  uint32_t count;
+  uint64_t points, data, values, order, textures, nodes, tables;
+  uint32_t count, ordered;
 };
 
-// The name of the first texture coordinates among the nodes; the scene's validation lets a material have one.
-template <class Network>
-std::string findTexcoord(const Material& material, const Network& network) {
-  for (int32_t n : reachableNodes(network))
-    if (const PatternNode& node = material.nodes[size_t(n)]; node.kind == PatternNode::Kind::Texture)
-      return node.texcoord;
-  return {};
+// An eighth of the smaller of the machine's and the device's memory.
+uint64_t defaultBudget(const Device& device) {
+  const uint64_t machine = uint64_t(sysconf(_SC_PHYS_PAGES)) * uint64_t(sysconf(_SC_PAGE_SIZE));
+  return std::min(machine, device.info().memory_bytes) / 8;
 }
 
-// One part of all materials: its constants, its kernel, and the buffers of its batches.
-template <class Outputs>
+// glslang's log in the user's terms: lines are those of the file, parameters go by their names.
+std::string translateLog(const GlslShader& shader, const std::string& log) {
+  const std::string error = "ERROR: ", user = kUserFile, parameter = kParameterFile;
+  std::string text;
+  for (size_t begin = 0; begin < log.size();) {
+    const size_t end = std::min(log.find('\n', begin), log.size());
+    std::string line = log.substr(begin, end - begin);
+    begin = end + 1;
+    if (line.rfind(error, 0) == 0) line.erase(0, error.size());
+    if (line.find("compilation errors.  No code generated.") != std::string::npos) continue;
+    if (line.rfind(user, 0) == 0)
+      line.replace(0, user.size(), shader.file);
+    else if (line.rfind(kGeneratedFile, 0) == 0)
+      line.replace(0, line.find(' '), shader.file + ", after its end:");
+    else if (line.rfind(parameter, 0) == 0)
+      line.replace(0, parameter.size(), "parameter ");
+    if (line.find_first_not_of(" \t\r") != std::string::npos) text += "\n  " + line;
+  }
+  return text;
+}
+
+[[noreturn]] void raiseBroken(const PatternProgram& program, const std::string& name, const GlslResult& result) {
+  if (!program.shader)
+    throw Error(ErrorKind::Internal, "the shader does not " + result.failed_step + ":\n" + result.log, name,
+                "Report this with the scene that caused it");
+  const char* entry = program.displacement
+                          ? "void displacement(in DisplacementPoint, inout vec3 offset, inout float along_normal)"
+                          : "void surface(in SurfacePoint, inout Surface)";
+  throw Error(ErrorKind::Scene,
+              "the shader does not " + result.failed_step + ":" + translateLog(*program.shader, result.log),
+              program.shader->path,
+              "It must define " + std::string(entry) + " and close what it opens; docs/glsl.md lists what it may use");
+}
+
+std::vector<uint32_t> compileProgram(const ShaderCache& cache, const PatternProgram& program, const std::string& name) {
+  GlslResult result = cache.compile(program.source, name);
+  if (result.spirv.empty()) raiseBroken(program, name, result);
+  return std::move(result.spirv);
+}
+
+// One part of all materials: its constants, its programs, and the buffers of its batches.
 class Part {
  public:
-  template <class Network>
-  void add(const Network& network) {
-    constants_.push_back(constants(network));
-    varies_.push_back(!reachableNodes(network).empty());
-  }
-  void compile(Device& device, const std::string& source, const std::string& name) {
-    if (!source.empty()) kernel_ = Kernel(device, name, compileGlsl(source, name));
+  Part(PatternPart part, size_t record_floats, const Scene& scene) : part_(part), floats_(record_floats) {
+    for (const Material& material : scene.materials) {
+      const Network network = makeNetwork(part, material);
+      constants_.push_back(constantValues(part, material));
+      layouts_.push_back(makeLayout(part, material, network));
+      program_of_.push_back(kNoProgram);
+    }
   }
 
-  bool varies(int32_t material) const { return varies_.at(size_t(material)) != 0; }
-  const Outputs& constant(int32_t material) const { return constants_.at(size_t(material)); }
+  void setPrograms(std::vector<PatternProgram> programs) {
+    for (PatternProgram& program : programs) {
+      for (uint32_t material : program.materials) program_of_[material] = uint32_t(programs_.size());
+      programs_.push_back({std::move(program), {}, false});
+    }
+  }
+  void setTextures(Device& device, const Scene& scene, const TextureLayout& layout, std::vector<TextureTile>& tiles) {
+    textures_.emplace(device, part_, scene, layout, tiles);
+  }
+  // Those that a user wrote, so that what is wrong with them is known early. Others are compiled at first use.
+  void compileShaders(Device& device, const ShaderCache& cache) {
+    for (Program& program : programs_)
+      if (program.text.shader) compile(device, cache, program);
+  }
 
-  void evaluate(Device& device, uint64_t levels, std::span<const PatternPoint> points, std::span<Outputs> values) {
-    if (points.size() != values.size() || points.size() > 0xffffffffu)
+  bool varies(int32_t material) const { return program_of_.at(size_t(material)) != kNoProgram; }
+  const PointLayout& layout(int32_t material) const { return layouts_.at(size_t(material)); }
+  template <class Outputs>
+  Outputs constant(size_t material) const {
+    std::array<float, kFloats<Outputs>> values;
+    std::copy_n(constants_.at(material).begin(), values.size(), values.begin());
+    return std::bit_cast<Outputs>(values);
+  }
+
+  void evaluate(Device& device, const ShaderCache& cache, TextureStore& textures, const PatternPoints& points,
+                std::span<std::byte> values) {
+    const size_t record_bytes = floats_ * sizeof(float);
+    if (points.size() * record_bytes != values.size() || points.size() > 0xffffffffu)
       throw Error(ErrorKind::Internal, "a batch of " + std::to_string(points.size()) + " points came with room for " +
-                                           std::to_string(values.size()) + " values");
+                                           std::to_string(values.size() / record_bytes) + " values");
     if (points.empty()) return;
-    for (const PatternPoint& point : points)
-      if (point.material >= varies_.size() || !varies_[point.material])
-        throw Error(ErrorKind::Internal,
-                    "material " + std::to_string(point.material) + " was evaluated, but has no varying input");
-    grow(device, points.size());
-    std::memcpy(points_.host().data(), points.data(), points.size_bytes());
-    points_.toDevice(0, points.size());
-    Commands commands(device);
-    commands.dispatch(kernel_, groupsFor(points.size(), kLocalSize),
-                      Arguments{points_.address(), values_.address(), levels, uint32_t(points.size())});
-    commands.run();
-    values_.toHost(0, values.size());
-    std::memcpy(values.data(), values_.host().data(), values.size_bytes());
+    sortByProgram(points);
+    for (uint32_t p = 0; p < programs_.size(); ++p)
+      if (batchSize(p) > 0) compile(device, cache, programs_[p]);
+    upload(device, points);
+    dispatch(device, textures);
+    // All levels that the batch wants are resident now, unless they were before.
+    if (!textures.endBatch()) {
+      dispatch(device, textures);
+      if (!textures.endBatch()) throw Error(ErrorKind::Internal, "a second try found texture levels missing");
+    }
+    values_.toHost(0, points.size() * floats_);
+    std::memcpy(values.data(), values_.host().data(), values.size());
   }
 
  private:
-  // In steps of a half, so that slowly growing batches do not allocate every time.
-  void grow(Device& device, size_t size) {
-    if (size <= points_.size()) return;
-    const size_t larger = std::max(size, points_.size() + points_.size() / 2);
-    points_.reserve(device, larger, "pattern points");
-    values_.reserve(device, larger, "pattern values");
+  struct Program {
+    PatternProgram text;
+    Kernel kernel;
+    bool compiled;
+  };
+
+  std::string name() const {
+    constexpr std::array<const char*, kPatternParts> kNames{"pattern_shading", "pattern_path", "pattern_opacity",
+                                                            "pattern_displacement"};
+    return kNames[size_t(part_)];
   }
 
-  std::vector<Outputs> constants_;
-  std::vector<char> varies_;
-  Kernel kernel_;
+  void compile(Device& device, const ShaderCache& cache, Program& program) {
+    if (program.compiled) return;
+    program.kernel = Kernel(device, name(), compileProgram(cache, program.text, name()));
+    program.compiled = true;
+  }
+
+  // Where the points of each program begin in the order of evaluation. Points keep their order within a program.
+  void sortByProgram(const PatternPoints& points) {
+    first_.assign(programs_.size() + 1, 0);
+    for (const PatternPoint& point : points.point) {
+      if (point.material >= program_of_.size() || program_of_[point.material] == kNoProgram)
+        throw Error(ErrorKind::Internal,
+                    "material " + std::to_string(point.material) + " was evaluated, but has no varying input");
+      if (uint64_t(point.first) + layouts_[point.material].size > points.data.size())
+        throw Error(ErrorKind::Internal, "a point of material " + std::to_string(point.material) + " lacks its data");
+      ++first_[program_of_[point.material] + 1];
+    }
+    uint32_t used = 0;
+    for (size_t p = 0; p < programs_.size(); ++p) {
+      used += first_[p + 1] > 0;
+      first_[p + 1] += first_[p];
+    }
+    order_.clear();
+    if (used < 2) return;  // as they come
+    order_.resize(points.size());
+    std::vector<uint32_t> next(first_.begin(), first_.end() - 1);
+    for (uint32_t i = 0; i < points.size(); ++i) order_[next[program_of_[points.point[i].material]]++] = i;
+  }
+  uint32_t batchSize(uint32_t program) const { return first_[program + 1] - first_[program]; }
+
+  // Buffers grow in steps of a half, so that slowly growing batches do not allocate every time.
+  template <class T>
+  static void grow(Device& device, Buffer<T>& buffer, size_t size, const char* name) {
+    if (size > buffer.size()) buffer.reserve(device, std::max(size, buffer.size() + buffer.size() / 2), name);
+  }
+  template <class T>
+  static void fill(Device& device, Buffer<T>& buffer, const std::vector<T>& values, const char* name) {
+    if (values.empty()) return;
+    grow(device, buffer, values.size(), name);
+    std::memcpy(buffer.host().data(), values.data(), values.size() * sizeof(T));
+    buffer.toDevice(0, values.size());
+  }
+  void upload(Device& device, const PatternPoints& points) {
+    fill(device, points_, points.point, "pattern points");
+    fill(device, data_, points.data, "pattern data");
+    fill(device, order_buffer_, order_, "pattern order");
+    grow(device, values_, points.size() * floats_, "pattern values");
+  }
+
+  void dispatch(Device& device, TextureStore& textures) {
+    textures.beginBatch();
+    Commands commands(device);
+    for (uint32_t p = 0; p < programs_.size(); ++p) {
+      if (batchSize(p) == 0) continue;
+      const uint64_t order = order_.empty() ? 0 : order_buffer_.address(first_[p]);
+      commands.dispatch(
+          programs_[p].kernel, groupsFor(batchSize(p), kLocalSize),
+          Arguments{points_.address(), data_.address(), values_.address(), order, textures_->rangesAddress(),
+                    textures_->nodesAddress(), textures.tablesAddress(), batchSize(p), order_.empty() ? 0u : 1u});
+    }
+    commands.run();
+  }
+
+  PatternPart part_;
+  size_t floats_;  // of a record of values
+  std::vector<std::vector<float>> constants_;
+  std::vector<PointLayout> layouts_;
+  std::vector<uint32_t> program_of_;  // per material, or kNoProgram
+  std::vector<Program> programs_;
+  std::optional<TextureNodeTable> textures_;
+  std::vector<uint32_t> first_, order_;  // of the batch: see sortByProgram()
   Buffer<PatternPoint> points_;
-  Buffer<Outputs> values_;
+  Buffer<float> data_, values_;
+  Buffer<uint32_t> order_buffer_;
 };
+
+template <class Outputs>
+std::vector<Outputs> constantTable(const Part& part, size_t materials) {
+  std::vector<Outputs> table;
+  for (size_t m = 0; m < materials; ++m) table.push_back(part.constant<Outputs>(m));
+  return table;
+}
 
 }  // namespace
 
 struct Patterns::Impl {
-  Impl(Device& on, const Scene& scene) : device(on), textures(on, scene, layoutTextures(scene)) {
-    for (const Material& material : scene.materials) {
-      const ShadingNetwork shading_network = shadingNetwork(material);
-      const PathNetwork path_network = pathNetwork(material);
-      shading.add(shading_network);
-      path.add(path_network);
-      std::string texcoord = findTexcoord(material, shading_network);
-      texcoords.push_back(texcoord.empty() ? findTexcoord(material, path_network) : std::move(texcoord));
+  Impl(Device& on, const Scene& scene, const Settings& settings)
+      : device(on),
+        cache(settings.shader_cache),
+        parts{Part(PatternPart::Shading, kFloats<ShadingInputs>, scene),
+              Part(PatternPart::Path, kFloats<PathInputs>, scene),
+              Part(PatternPart::Opacity, kFloats<OpacityInputs>, scene),
+              Part(PatternPart::Displacement, kFloats<DisplacementInputs>, scene)} {
+    const size_t materials = scene.materials.size();
+    shading = constantTable<ShadingInputs>(part(PatternPart::Shading), materials);
+    path = constantTable<PathInputs>(part(PatternPart::Path), materials);
+    opacity = constantTable<OpacityInputs>(part(PatternPart::Opacity), materials);
+    displacement = constantTable<DisplacementInputs>(part(PatternPart::Displacement), materials);
+
+    PatternSource source = generatePatterns(scene);
+    for (const PatternProgram& program : source.idle) compileProgram(cache, program, "pattern_idle");
+    const TextureLayout layout = layoutTextures(scene);
+    std::vector<TextureTile> tiles;
+    for (uint32_t p = 0; p < kPatternParts; ++p) {
+      parts[p].setPrograms(std::move(source.parts[p]));
+      parts[p].setTextures(device, scene, layout, tiles);
+      parts[p].compileShaders(device, cache);
     }
-    const PatternSource source = generatePatterns(scene);
-    shading.compile(device, source.shading, "pattern_shading");
-    path.compile(device, source.path, "pattern_path");
+    const uint64_t budget = settings.texture_budget_bytes;
+    textures.emplace(device, scene, layout, tiles, budget ? budget : defaultBudget(device));
+
+    for (size_t m = 0; m < materials; ++m) {
+      normal_texcoords.push_back(normalTexcoordOf(scene.materials[m]));
+      for (PatternPart p : {PatternPart::Shading, PatternPart::Path, PatternPart::Opacity})
+        for (const PointSlot& slot : part(p).layout(int32_t(m)).slots)
+          reads_textures = reads_textures || slot.kind == PointSlot::Kind::Texcoord;
+    }
+  }
+
+  Part& part(PatternPart p) { return parts[size_t(p)]; }
+  template <class Outputs>
+  void evaluate(PatternPart p, const PatternPoints& points, std::span<Outputs> values) {
+    part(p).evaluate(device, cache, *textures, points, std::as_writable_bytes(values));
   }
 
   Device& device;
-  TextureStore textures;
-  Part<ShadingInputs> shading;
-  Part<PathInputs> path;
-  std::vector<std::string> texcoords;
+  ShaderCache cache;
+  std::array<Part, kPatternParts> parts;
+  std::optional<TextureStore> textures;
+  std::vector<ShadingInputs> shading;
+  std::vector<PathInputs> path;
+  std::vector<OpacityInputs> opacity;
+  std::vector<DisplacementInputs> displacement;
+  std::vector<std::string> normal_texcoords;
+  bool reads_textures = false;
 };
 
-Patterns::Patterns(Device& device, const Scene& scene) : impl_(std::make_unique<Impl>(device, scene)) {}
+Patterns::Patterns(Device& device, const Scene& scene, const Settings& settings)
+    : impl_(std::make_unique<Impl>(device, scene, settings)) {}
 Patterns::~Patterns() = default;
 
-bool Patterns::shadingVaries(int32_t material) const { return impl_->shading.varies(material); }
-bool Patterns::pathVaries(int32_t material) const { return impl_->path.varies(material); }
-const ShadingInputs& Patterns::constantShading(int32_t material) const { return impl_->shading.constant(material); }
-const PathInputs& Patterns::constantPath(int32_t material) const { return impl_->path.constant(material); }
-const std::string& Patterns::texcoordName(int32_t material) const { return impl_->texcoords.at(size_t(material)); }
-
-void Patterns::evaluateShading(std::span<const PatternPoint> points, std::span<ShadingInputs> values) {
-  impl_->shading.evaluate(impl_->device, impl_->textures.levelsAddress(), points, values);
+bool Patterns::varies(PatternPart part, int32_t material) const { return impl_->part(part).varies(material); }
+const PointLayout& Patterns::layout(PatternPart part, int32_t material) const {
+  return impl_->part(part).layout(material);
 }
-void Patterns::evaluatePath(std::span<const PatternPoint> points, std::span<PathInputs> values) {
-  impl_->path.evaluate(impl_->device, impl_->textures.levelsAddress(), points, values);
+const ShadingInputs& Patterns::constantShading(int32_t material) const { return impl_->shading.at(size_t(material)); }
+const PathInputs& Patterns::constantPath(int32_t material) const { return impl_->path.at(size_t(material)); }
+float Patterns::constantOpacity(int32_t material) const { return impl_->opacity.at(size_t(material)).opacity; }
+const DisplacementInputs& Patterns::constantDisplacement(int32_t material) const {
+  return impl_->displacement.at(size_t(material));
+}
+const std::string& Patterns::normalTexcoord(int32_t material) const {
+  return impl_->normal_texcoords.at(size_t(material));
+}
+bool Patterns::readsTextures() const { return impl_->reads_textures; }
+
+void Patterns::evaluate(const PatternPoints& points, std::span<ShadingInputs> values) {
+  impl_->evaluate(PatternPart::Shading, points, values);
+}
+void Patterns::evaluate(const PatternPoints& points, std::span<PathInputs> values) {
+  impl_->evaluate(PatternPart::Path, points, values);
+}
+void Patterns::evaluate(const PatternPoints& points, std::span<OpacityInputs> values) {
+  impl_->evaluate(PatternPart::Opacity, points, values);
+}
+void Patterns::evaluate(const PatternPoints& points, std::span<DisplacementInputs> values) {
+  impl_->evaluate(PatternPart::Displacement, points, values);
 }
 
-uint64_t Patterns::textureBytes() const { return impl_->textures.bytes(); }
+uint64_t Patterns::textureBytes() const { return impl_->textures->bytes(); }
+uint64_t Patterns::peakTextureBytes() const { return impl_->textures->peakBytes(); }
 
 }  // namespace encore

@@ -28,25 +28,50 @@ Coverage coverage(uint32_t index, uint32_t from, uint32_t to) {
   return c;
 }
 
-void averageRow(std::span<const float> from, PyramidLevel from_size, PyramidLevel to_size, uint32_t y, float* row) {
-  const Coverage cy = coverage(y, from_size.height, to_size.height);
-  for (uint32_t x = 0; x < to_size.width; ++x) {
-    const Coverage cx = coverage(x, from_size.width, to_size.width);
-    float sum[4] = {};
-    for (uint32_t j = 0; j < cy.count; ++j) {
-      const float* texel = &from[(uint64_t(cy.first + j) * from_size.width + cx.first) * 4];
+// A row of a level from the rows that source gives of the level before.
+void averageRow(const PyramidSource& source, PyramidLevel from, PyramidLevel to, uint32_t y, float* row) {
+  const Coverage cy = coverage(y, from.height, to.height);
+  std::vector<float> room(uint64_t(from.width) * 4);
+  std::fill(row, row + uint64_t(to.width) * 4, 0.0f);
+  for (uint32_t j = 0; j < cy.count; ++j) {
+    const float* texels = source.row(cy.first + j, room);
+    for (uint32_t x = 0; x < to.width; ++x) {
+      const Coverage cx = coverage(x, from.width, to.width);
+      const float* texel = texels + uint64_t(cx.first) * 4;
       for (uint32_t i = 0; i < cx.count; ++i, texel += 4)
-        for (uint32_t c = 0; c < 4; ++c) sum[c] += cy.weight[j] * cx.weight[i] * texel[c];
+        for (uint32_t c = 0; c < 4; ++c) row[uint64_t(x) * 4 + c] += cy.weight[j] * cx.weight[i] * texel[c];
     }
-    std::copy(sum, sum + 4, row + uint64_t(x) * 4);
   }
 }
 
-void storeHalves(std::span<const float> values, std::span<uint16_t> halves) {
-  tbb::parallel_for(tbb::blocked_range<size_t>(0, values.size(), 1 << 16), [&](const auto& range) {
-    for (size_t i = range.begin(); i < range.end(); ++i) halves[i] = toHalf(values[i]);
-  });
+void storeRow(const float* values, uint32_t width, uint32_t y, std::span<uint16_t> level) {
+  uint16_t* halves = &level[uint64_t(y) * width * 4];
+  for (uint64_t i = 0; i < uint64_t(width) * 4; ++i) halves[i] = toHalf(values[i]);
 }
+
+class FloatRows : public PyramidSource {
+ public:
+  FloatRows(std::span<const float> rgba, uint32_t width) : rgba_(rgba), width_(width) {}
+  const float* row(uint32_t y, std::span<float>) const override { return &rgba_[uint64_t(y) * width_ * 4]; }
+
+ private:
+  std::span<const float> rgba_;
+  uint32_t width_;
+};
+
+class HalfRows : public PyramidSource {
+ public:
+  HalfRows(std::span<const uint16_t> rgba, uint32_t width) : rgba_(rgba), width_(width) {}
+  const float* row(uint32_t y, std::span<float> room) const override {
+    const uint16_t* halves = &rgba_[uint64_t(y) * width_ * 4];
+    for (uint64_t i = 0; i < uint64_t(width_) * 4; ++i) room[i] = fromHalf(halves[i]);
+    return room.data();
+  }
+
+ private:
+  std::span<const uint16_t> rgba_;
+  uint32_t width_;
+};
 
 }  // namespace
 
@@ -68,20 +93,43 @@ uint16_t toHalf(float value) {
   return uint16_t(sign | ((bits - (112u << 23)) >> 13));
 }
 
-void buildPyramid(const Texture& texture, std::span<const std::span<uint16_t>> levels) {
-  const std::vector<PyramidLevel> sizes = pyramidLevels(texture.width, texture.height);
-  storeHalves(texture.rgba, levels[0]);
-  std::span<const float> finer = texture.rgba;
-  std::vector<float> kept;  // the memory behind finer, from level 1 on
-  for (size_t level = 1; level < sizes.size(); ++level) {
+float fromHalf(uint16_t half) {
+  const uint32_t sign = uint32_t(half & 0x8000u) << 16, magnitude = half & 0x7fffu;
+  if (magnitude >= 0x7c00u) return std::bit_cast<float>(sign | 0x7f800000u | (magnitude & 0x3ffu) << 13);
+  if (magnitude < 0x400u) return std::copysign(float(magnitude) * 0x1p-24f, sign ? -1.0f : 1.0f);
+  return std::bit_cast<float>(sign | ((magnitude << 13) + (112u << 23)));
+}
+
+void buildPyramid(const PyramidSource& source, uint32_t width, uint32_t height,
+                  std::span<const std::span<uint16_t>> levels) {
+  const std::vector<PyramidLevel> sizes = pyramidLevels(width, height);
+  if (!levels[0].empty())
+    tbb::parallel_for(0u, height, [&](uint32_t y) {
+      std::vector<float> room(uint64_t(width) * 4);
+      storeRow(source.row(y, room), width, y, levels[0]);
+    });
+  std::vector<float> finer;  // the level before, from level 1 on
+  for (size_t level = 1; level < levels.size(); ++level) {
     const PyramidLevel from = sizes[level - 1], to = sizes[level];
+    const FloatRows rows(finer, from.width);
+    const PyramidSource& before = level == 1 ? source : rows;
     std::vector<float> coarser(to.texels() * 4);
-    tbb::parallel_for(0u, to.height,
-                      [&](uint32_t y) { averageRow(finer, from, to, y, &coarser[uint64_t(y) * to.width * 4]); });
-    storeHalves(coarser, levels[level]);
-    kept = std::move(coarser);
-    finer = kept;
+    tbb::parallel_for(0u, to.height, [&](uint32_t y) {
+      float* row = &coarser[uint64_t(y) * to.width * 4];
+      averageRow(before, from, to, y, row);
+      if (!levels[level].empty()) storeRow(row, to.width, y, levels[level]);
+    });
+    finer = std::move(coarser);
   }
+}
+
+void buildPyramid(const Texture& texture, std::span<const std::span<uint16_t>> levels) {
+  buildPyramid(FloatRows(texture.rgba, texture.width), texture.width, texture.height, levels);
+}
+
+void buildPyramid(std::span<const uint16_t> rgba, uint32_t width, uint32_t height,
+                  std::span<const std::span<uint16_t>> levels) {
+  buildPyramid(HalfRows(rgba, width), width, height, levels);
 }
 
 }  // namespace encore

@@ -1,58 +1,185 @@
 #include "core/pattern/texture_store.h"
 
-#include "core/pattern/texture_pyramid.h"
+#include <algorithm>
+#include <string>
+
+#include "core/scene/error.h"
+#include "core/scene/text.h"
 
 namespace encore {
 namespace {
 
-constexpr uint64_t kPageHalves = uint64_t{128} << 20;  // 256 MiB
+// So that there are never more than some hundreds of pages, and what holes in them waste stays a small part.
+uint64_t pageBytes(uint64_t budget, uint64_t total) {
+  constexpr uint64_t kLeast = uint64_t{1} << 20, kMost = uint64_t{64} << 20;
+  return std::min(std::clamp(budget / 64, kLeast, kMost), std::max<uint64_t>(total, 8));
+}
 
-// Where a level lies.
-struct Place {
-  size_t page = 0;
-  uint64_t offset = 0, halves = 0;
-};
+uint64_t totalBytes(const Scene& scene, const TextureLayout& layout) {
+  uint64_t bytes = 0;
+  for (size_t i = 0; i < layout.tiles.size(); ++i)
+    if (layout.tiles[i].level_count)
+      for (PyramidLevel level : pyramidLevels(scene.textures[i].width, scene.textures[i].height))
+        bytes += level.texels() * 4 * sizeof(uint16_t);
+  return bytes;
+}
+
+std::string mebibytes(uint64_t bytes) { return text(double(bytes) / (1 << 20)) + " MiB"; }
+
+// Pixels of a source, read and checked: infinities become the largest half float, as for pixels that come as floats.
+std::vector<uint16_t> readPixels(const Texture& texture) {
+  std::vector<uint16_t> rgba(uint64_t(texture.width) * texture.height * 4);
+  texture.source->read(rgba);
+  for (size_t i = 0; i < rgba.size(); ++i) {
+    const uint16_t magnitude = rgba[i] & 0x7fffu;
+    if (magnitude < 0x7c00u) continue;
+    if (magnitude > 0x7c00u)
+      throw Error(ErrorKind::Scene,
+                  "the pixel at column " + text(i / 4 % texture.width) + ", row " + text(i / 4 / texture.width) +
+                      " from the bottom is not a number",
+                  texture.path, "Repair the texture");
+    rgba[i] = uint16_t((rgba[i] & 0x8000u) | 0x7bffu);
+  }
+  return rgba;
+}
 
 }  // namespace
 
-TextureStore::TextureStore(Device& device, const Scene& scene, const TextureLayout& layout) {
-  // Plan: levels one after the other; a level that does not fit into what is left of a page opens the next.
-  std::vector<Place> places;
-  std::vector<uint64_t> page_halves;
-  std::vector<PyramidLevel> sizes;
-  for (size_t t = 0; t < scene.textures.size(); ++t) {
-    if (layout.first_level[t] == TextureLayout::kUnused) continue;
-    for (PyramidLevel size : pyramidLevels(scene.textures[t].width, scene.textures[t].height)) {
-      const uint64_t halves = size.texels() * 4;
-      if (page_halves.empty() || page_halves.back() + halves > kPageHalves) page_halves.push_back(0);
-      places.push_back({page_halves.size() - 1, page_halves.back(), halves});
-      page_halves.back() += halves;
-      sizes.push_back(size);
-    }
+TextureStore::TextureStore(Device& device, const Scene& scene, const TextureLayout& layout,
+                           std::span<const TextureTile> tiles, uint64_t budget_bytes)
+    : scene_(scene),
+      budget_(budget_bytes),
+      total_(totalBytes(scene, layout)),
+      heap_(device, pageBytes(budget_, total_)) {
+  for (size_t i = 0; i < layout.tiles.size(); ++i) {
+    const TextureTile& tile = layout.tiles[i];
+    if (!tile.level_count) continue;
+    pyramids_.push_back({uint32_t(i), tile.first_level, tile.level_count, tile.level_count, tile.level_count});
+    const std::vector<PyramidLevel> levels = pyramidLevels(tile.width, tile.height);
+    sizes_.insert(sizes_.end(), levels.begin(), levels.end());
   }
-  if (places.empty()) return;
-
-  for (uint64_t halves : page_halves) pages_.emplace_back(device, halves, "textures");
-  levels_ = Buffer<MipLevel>(device, places.size(), "texture levels");
-  for (size_t i = 0; i < places.size(); ++i)
-    levels_.host()[i] = {pages_[places[i].page].address(places[i].offset), sizes[i].width, sizes[i].height};
-
-  for (size_t t = 0; t < scene.textures.size(); ++t) {
-    if (layout.first_level[t] == TextureLayout::kUnused) continue;
-    const size_t count = pyramidLevels(scene.textures[t].width, scene.textures[t].height).size();
-    std::vector<std::span<uint16_t>> levels;
-    for (size_t i = layout.first_level[t]; i < layout.first_level[t] + count; ++i)
-      levels.push_back(pages_[places[i].page].host().subspan(places[i].offset, places[i].halves));
-    buildPyramid(scene.textures[t], levels);
-  }
-  for (Buffer<uint16_t>& page : pages_) page.toDevice();
+  if (pyramids_.empty()) return;
+  const uint32_t count = layout.level_count;
+  blocks_.resize(count);
+  last_wanted_.resize(count);
+  levels_ = Buffer<MipLevel>(device, count, "texture levels");
+  tiles_ = Buffer<TextureTile>(device, tiles.size(), "texture tiles");
+  marks_ = Buffer<uint32_t>(device, count + 1, "texture marks");
+  tables_ = Buffer<Tables>(device, 1, "texture tables");
+  std::fill(levels_.host().begin(), levels_.host().end(), MipLevel{});
+  std::copy(tiles.begin(), tiles.end(), tiles_.host().begin());
+  tables_.host()[0] = {levels_.address(), tiles_.address(), marks_.address(), count, 1};
   levels_.toDevice();
+  tiles_.toDevice();
+  tables_.toDevice();
+  table_bytes_ = levels_.raw().bytes() + tiles_.raw().bytes() + marks_.raw().bytes() + tables_.raw().bytes();
+  peak_ = bytes();
 }
 
-uint64_t TextureStore::bytes() const {
-  uint64_t bytes = levels_.size() * sizeof(MipLevel);
-  for (const Buffer<uint16_t>& page : pages_) bytes += page.size() * sizeof(uint16_t);
-  return bytes;
+uint64_t TextureStore::bytes() const { return resident_ + table_bytes_; }
+
+uint64_t TextureStore::rangeBytes(const Pyramid& pyramid, uint32_t begin, uint32_t end) const {
+  uint64_t sum = 0;
+  for (uint32_t level = begin; level < end; ++level) sum += levelBytes(pyramid.first_level + level);
+  return sum;
+}
+
+void TextureStore::beginBatch() {
+  if (resident_ == total_) return;
+  std::fill(marks_.host().begin(), marks_.host().end(), 0u);
+  marks_.toDevice();
+}
+
+bool TextureStore::endBatch() {
+  if (resident_ == total_) return true;
+  marks_.toHost();
+  ++batch_;
+  readMarks();
+  if (marks_.host().back() == 0) return true;
+
+  uint64_t needed = 0, missing = 0;
+  for (const Pyramid& pyramid : pyramids_) {
+    needed += rangeBytes(pyramid, pyramid.wanted, pyramid.level_count);
+    missing += rangeBytes(pyramid, pyramid.wanted, std::max(pyramid.wanted, pyramid.resident));
+  }
+  if (needed > budget_) raiseTooSmall(needed);
+  makeRoom(missing);
+  levels_.toDevice();
+  for (Pyramid& pyramid : pyramids_)
+    if (pyramid.wanted < pyramid.resident) load(pyramid);
+  tables_.host()[0].marking = resident_ != total_;
+  tables_.toDevice();
+  return false;
+}
+
+void TextureStore::readMarks() {
+  const std::span<const uint32_t> marks = marks_.host();
+  for (Pyramid& pyramid : pyramids_) {
+    pyramid.wanted = 0;
+    while (pyramid.wanted < pyramid.level_count && !marks[pyramid.first_level + pyramid.wanted]) ++pyramid.wanted;
+    for (uint32_t level = pyramid.wanted; level < pyramid.level_count; ++level)
+      last_wanted_[pyramid.first_level + level] = batch_;
+  }
+}
+
+// What was wanted longest ago leaves first, of several the largest level. What the batch wants stays: it fits.
+void TextureStore::makeRoom(uint64_t bytes) {
+  while (resident_ + bytes > budget_) {
+    Pyramid* oldest = nullptr;
+    const auto finest = [](const Pyramid& pyramid) { return pyramid.first_level + pyramid.resident; };
+    for (Pyramid& pyramid : pyramids_) {
+      if (pyramid.resident >= pyramid.wanted) continue;
+      if (oldest) {
+        const uint64_t a = last_wanted_[finest(pyramid)], b = last_wanted_[finest(*oldest)];
+        if (a > b || (a == b && levelBytes(finest(pyramid)) <= levelBytes(finest(*oldest)))) continue;
+      }
+      oldest = &pyramid;
+    }
+    if (!oldest) throw Error(ErrorKind::Internal, "no texture level can leave device memory");
+    evictFinest(*oldest);
+  }
+}
+
+void TextureStore::evictFinest(Pyramid& pyramid) {
+  const uint32_t level = pyramid.first_level + pyramid.resident++;
+  levels_.host()[level] = {};
+  heap_.release(blocks_[level]);
+  resident_ -= levelBytes(level);
+}
+
+// Only what is not there yet. Coarser levels first, so that what is resident is a tail whatever throws.
+void TextureStore::load(Pyramid& pyramid) {
+  const Texture& texture = scene_.textures[pyramid.texture];
+  std::vector<std::vector<uint16_t>> made(pyramid.resident);
+  for (uint32_t level = pyramid.wanted; level < pyramid.resident; ++level)
+    made[level].resize(sizes_[pyramid.first_level + level].texels() * 4);
+  const std::vector<std::span<uint16_t>> levels(made.begin(), made.end());
+  if (texture.rgba.empty()) {
+    const std::vector<uint16_t> pixels = readPixels(texture);
+    buildPyramid(pixels, texture.width, texture.height, levels);
+  } else {
+    buildPyramid(texture, levels);
+  }
+  while (pyramid.resident > pyramid.wanted) {
+    const uint32_t finer = pyramid.resident - 1, level = pyramid.first_level + finer;
+    blocks_[level] = heap_.allocate(made[finer].size());
+    std::copy(made[finer].begin(), made[finer].end(), heap_.host(blocks_[level]).begin());
+    heap_.toDevice(blocks_[level]);
+    levels_.host()[level] = {heap_.address(blocks_[level]), sizes_[level].width, sizes_[level].height};
+    resident_ += levelBytes(level);
+    --pyramid.resident;
+    levels_.toDevice(level, 1);
+  }
+  peak_ = std::max(peak_, bytes());
+}
+
+void TextureStore::raiseTooSmall(uint64_t needed) const {
+  size_t count = 0;
+  for (const Pyramid& pyramid : pyramids_) count += pyramid.wanted < pyramid.level_count;
+  throw Error(ErrorKind::Memory,
+              "one batch looks up " + text(count) + " textures, whose levels need " + mebibytes(needed) +
+                  ", and the budget for textures is " + mebibytes(budget_),
+              "texture_budget_bytes", "Raise the budget, or use smaller textures");
 }
 
 }  // namespace encore

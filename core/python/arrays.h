@@ -37,9 +37,15 @@ struct ElementTraits<Vec3f> {
   using Shape = nb::shape<-1, 3>;
   static constexpr size_t kWidth = 3;
 };
-static_assert(sizeof(Vec2f) == 8 && sizeof(Vec3f) == 12);
+template <>
+struct ElementTraits<Vec4f> {
+  using Scalar = float;
+  using Shape = nb::shape<-1, 4>;
+  static constexpr size_t kWidth = 4;
+};
+static_assert(sizeof(Vec2f) == 8 && sizeof(Vec3f) == 12 && sizeof(Vec4f) == 16);
 
-// A contiguous numpy array of elements T: (n), (n, 2) or (n, 3).
+// A contiguous numpy array of elements T: (n), (n, 2), (n, 3) or (n, 4).
 template <class T>
 using ArrayOf = nb::ndarray<const typename ElementTraits<T>::Scalar, typename ElementTraits<T>::Shape, nb::c_contig,
                             nb::device::cpu>;

@@ -2,11 +2,15 @@
 #pragma once
 
 #include "core/python/nanobind.h"
+#include "core/scene/scene.h"
 
 namespace encore::python {
 
 void bindErrors(nanobind::module_& module);
 void bindScene(nanobind::module_& module);
+// Parts of bindScene().
+void bindMaterials(nanobind::class_<Scene>& scene);
+void bindLights(nanobind::class_<Scene>& scene);
 void bindRender(nanobind::module_& module);
 
 }  // namespace encore::python

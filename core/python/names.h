@@ -6,6 +6,7 @@
 #include <string_view>
 #include <utility>
 
+#include "core/scene/camera.h"
 #include "core/scene/error.h"
 #include "core/scene/light.h"
 #include "core/scene/material.h"
@@ -38,15 +39,29 @@ inline constexpr Names<Interpolation, 5> kInterpolations{{{"constant", Interpola
                                                           {"vertex", Interpolation::Vertex},
                                                           {"varying", Interpolation::Varying},
                                                           {"faceVarying", Interpolation::FaceVarying}}};
-inline constexpr Names<PatternNode::Kind, 2> kNodeKinds{
-    {{"texture", PatternNode::Kind::Texture}, {"displayColor", PatternNode::Kind::DisplayColor}}};
+inline constexpr Names<PatternNode::Kind, 3> kNodeKinds{{{"texture", PatternNode::Kind::Texture},
+                                                         {"displayColor", PatternNode::Kind::DisplayColor},
+                                                         {"primvar", PatternNode::Kind::Primvar}}};
+inline constexpr Names<OpacityMode, 2> kOpacityModes{
+    {{"transparent", OpacityMode::Transparent}, {"presence", OpacityMode::Presence}}};
+inline constexpr Names<DomeFormat, 4> kDomeFormats{{{"latlong", DomeFormat::LatLong},
+                                                    {"mirroredBall", DomeFormat::MirroredBall},
+                                                    {"angular", DomeFormat::Angular},
+                                                    {"cubeMapVerticalCross", DomeFormat::CubeMapVerticalCross}}};
+inline constexpr Names<Camera::Projection, 2> kProjections{
+    {{"perspective", Camera::Projection::Perspective}, {"orthographic", Camera::Projection::Orthographic}}};
+inline constexpr Names<GlassShadows, 2> kGlassShadows{
+    {{"transmit", GlassShadows::Transmit}, {"opaque", GlassShadows::Opaque}}};
 inline constexpr Names<WrapMode, 4> kWrapModes{{{"black", WrapMode::Black},
                                                 {"clamp", WrapMode::Clamp},
                                                 {"repeat", WrapMode::Repeat},
                                                 {"mirror", WrapMode::Mirror}}};
-inline constexpr Names<Light::Kind, 4> kLightKinds{{{"distant", Light::Kind::Distant},
+inline constexpr Names<Light::Kind, 7> kLightKinds{{{"distant", Light::Kind::Distant},
                                                     {"rect", Light::Kind::Rect},
+                                                    {"disk", Light::Kind::Disk},
                                                     {"sphere", Light::Kind::Sphere},
+                                                    {"cylinder", Light::Kind::Cylinder},
+                                                    {"mesh", Light::Kind::Mesh},
                                                     {"dome", Light::Kind::Dome}}};
 inline constexpr Names<Method, 5> kMethods{{{"reuse", Method::Reuse},
                                             {"reference", Method::Reference},

@@ -39,9 +39,10 @@ void convert(const std::string& key, nb::handle value, T& field) {
   else if constexpr (std::is_integral_v<T>)
     valid = PyLong_Check(value.ptr()) && !PyBool_Check(value.ptr());
   if (!valid || !nb::try_cast<T>(value, field, true)) {
-    const char* expected = std::is_same_v<T, bool> ? "True or False"
-                           : std::is_integral_v<T> ? "a whole number, from 0"
-                                                   : "a number";
+    const char* expected = std::is_same_v<T, std::string> ? "text"
+                           : std::is_same_v<T, bool>      ? "True or False"
+                           : std::is_integral_v<T>        ? "a whole number, from 0"
+                                                          : "a number";
     throw Error(ErrorKind::Setting, "value " + nb::cast<std::string>(nb::repr(value)) + " cannot be used", key,
                 std::string("Give ") + expected);
   }
@@ -54,6 +55,9 @@ void convert(const std::string& key, nb::handle value, Search& field) {
 }
 void convert(const std::string& key, nb::handle value, FootprintReuse& field) {
   field = fromName(kFootprintReuses, nb::cast<std::string>(nb::str(value)), key, ErrorKind::Setting);
+}
+void convert(const std::string& key, nb::handle value, GlassShadows& field) {
+  field = fromName(kGlassShadows, nb::cast<std::string>(nb::str(value)), key, ErrorKind::Setting);
 }
 void convert(const std::string& key, nb::handle value, FilterKind& field) {
   field = fromName(kFilters, nb::cast<std::string>(nb::str(value)), key, ErrorKind::Setting);
@@ -77,11 +81,19 @@ void forEachField(S& s, const Visit& visit) {
   visit("max_micropolygons", s.max_micropolygons);
   visit("light_samples", s.light_samples);
   visit("occlusion_samples", s.occlusion_samples);
+  visit("most_light_samples", s.most_light_samples);
+  visit("occlusion_distance_world", s.occlusion_distance_world);
+  visit("glass_shadows", s.glass_shadows);
+  visit("energy_compensation", s.energy_compensation);
+  visit("texture_budget_bytes", s.texture_budget_bytes);
+  visit("shader_cache", s.shader_cache);
   visit("seed", s.seed);
   visit("reuse_tile_pixels", s.reuse_tile_pixels);
   visit("search", s.search);
   visit("footprint_reuse", s.footprint_reuse);
   visit("footprint_weight", s.footprint_weight);
+  visit("reuse_time_weight", s.reuse_time_weight);
+  visit("reuse_direction_weight", s.reuse_direction_weight);
   visit("max_reuse_distance", s.max_reuse_distance);
   visit("world_space_parameters", s.world_space_parameters);
   visit("debug_aovs", s.debug_aovs);
@@ -115,6 +127,8 @@ nb::dict readSettings(const Settings& settings) {
       d[name] = toName(kMethods, field);
     else if constexpr (std::is_same_v<T, FilterKind>)
       d[name] = toName(kFilters, field);
+    else if constexpr (std::is_same_v<T, GlassShadows>)
+      d[name] = toName(kGlassShadows, field);
     else if constexpr (std::is_same_v<T, Search>)
       d[name] = toName(kSearches, field);
     else if constexpr (std::is_same_v<T, FootprintReuse>)

@@ -1,36 +1,22 @@
 // _core.Scene: what the delegate hands over. Every add_ function returns the index of what it added.
 #include <tuple>
 
-#include "core/python/arrays.h"
 #include "core/python/bindings.h"
-#include "core/python/names.h"
+#include "core/python/dictionaries.h"
 #include "core/python/scene_reading.h"
 #include "core/scene/scene.h"
 
 namespace encore::python {
 namespace {
 
-using Triple = std::array<float, 3>;
-using TripleD = std::array<double, 3>;
-// USD's row-vector convention: point * matrix, translation in the last row.
-using MatrixArray = nb::ndarray<const double, nb::shape<4, 4>, nb::c_contig, nb::device::cpu>;
-using MatricesArray = nb::ndarray<const double, nb::shape<-1, 4, 4>, nb::c_contig, nb::device::cpu>;
-using PixelArray = nb::ndarray<const float, nb::shape<-1, -1, 4>, nb::c_contig, nb::device::cpu>;
+using KeysArray = nb::ndarray<const float, nb::shape<-1, -1, 3>, nb::c_contig, nb::device::cpu>;
+using MotionsArray = nb::ndarray<const double, nb::shape<-1, -1, 4, 4>, nb::c_contig, nb::device::cpu>;
 // (interpolation, values, indices or None)
 template <class T>
 using PrimvarTuple = std::tuple<std::string, ArrayOf<T>, OptionalArrayOf<int32_t>>;
 // (name, interpolation, values, indices or None)
-using TexcoordTuple = std::tuple<std::string, std::string, ArrayOf<Vec2f>, OptionalArrayOf<int32_t>>;
-
 template <class T>
-Vec3<T> toVec(const std::array<T, 3>& v) {
-  return {v[0], v[1], v[2]};
-}
-
-// The rows of USD's matrix are the images of the axes and of the origin.
-Affine3d toAffine(const double* m) {
-  return {{m[0], m[1], m[2]}, {m[4], m[5], m[6]}, {m[8], m[9], m[10]}, {m[12], m[13], m[14]}};
-}
+using NamedPrimvarTuple = std::tuple<std::string, std::string, ArrayOf<T>, OptionalArrayOf<int32_t>>;
 
 template <class T>
 Primvar<T> makePrimvar(const Mesh& mesh, std::string name, const std::string& interpolation, const ArrayOf<T>& values,
@@ -45,6 +31,15 @@ Primvar<T> makePrimvar(const Mesh& mesh, std::string name, const std::optional<P
   return makePrimvar<T>(mesh, std::move(name), interpolation, values, indices);
 }
 
+std::vector<std::vector<Vec3f>> toKeys(const std::optional<KeysArray>& array) {
+  if (!array) return {};
+  const size_t count = array->shape(1);
+  std::vector<std::vector<Vec3f>> keys(array->shape(0), std::vector<Vec3f>(count));
+  for (size_t k = 0; k < keys.size(); ++k)
+    if (count) std::memcpy(static_cast<void*>(keys[k].data()), array->data() + k * count * 3, count * sizeof(Vec3f));
+  return keys;
+}
+
 size_t addMesh(Scene& scene, std::string path, const ArrayOf<Vec3f>& points, const ArrayOf<int32_t>& face_vertex_counts,
                const ArrayOf<int32_t>& face_vertex_indices, const std::string& scheme,
                const std::string& interpolate_boundary, const std::string& face_varying,
@@ -53,9 +48,11 @@ size_t addMesh(Scene& scene, std::string path, const ArrayOf<Vec3f>& points, con
                const OptionalArrayOf<float>& corner_sharpnesses, const OptionalArrayOf<int32_t>& crease_indices,
                const OptionalArrayOf<int32_t>& crease_lengths, const OptionalArrayOf<float>& crease_sharpnesses,
                const std::optional<PrimvarTuple<Vec3f>>& normals,
-               const std::optional<PrimvarTuple<Vec3f>>& display_color, const std::vector<TexcoordTuple>& texcoords,
-               const OptionalArrayOf<int32_t>& face_materials, int32_t material, float target_edge_length_world,
-               LayerRates shading_rate) {
+               const std::optional<PrimvarTuple<Vec3f>>& display_color,
+               const std::vector<NamedPrimvarTuple<Vec2f>>& texcoords, const OptionalArrayOf<int32_t>& face_materials,
+               int32_t material, float target_edge_length_world, LayerRates shading_rate,
+               const std::vector<NamedPrimvarTuple<Vec4f>>& primvars, bool thin_walled, uint32_t link_group,
+               const std::optional<KeysArray>& motion_points, const std::optional<KeysArray>& motion_normals) {
   Mesh mesh;
   mesh.path = std::move(path);
   mesh.scheme = fromName(kSchemes, scheme, mesh.path + ".subdivisionScheme");
@@ -85,138 +82,37 @@ size_t addMesh(Scene& scene, std::string path, const ArrayOf<Vec3f>& points, con
   mesh.material = material;
   mesh.target_edge_length_world = target_edge_length_world;
   mesh.shading_rate = shading_rate;
+  for (const auto& [name, interpolation, values, indices] : primvars)
+    mesh.primvars.push_back(makePrimvar<Vec4f>(mesh, name, interpolation, values, indices));
+  mesh.thin_walled = thin_walled;
+  mesh.link_group = link_group;
+  mesh.motion_points = toKeys(motion_points);
+  mesh.motion_normals = toKeys(motion_normals);
   validateMesh(mesh, scene.materials.size());
   scene.meshes.push_back(std::move(mesh));
   return scene.meshes.size() - 1;
 }
 
 size_t addInstances(Scene& scene, const std::string& path, uint32_t prototype, const MatricesArray& matrices,
-                    const OptionalArrayOf<int64_t>& ids, int32_t material,
-                    const OptionalArrayOf<Vec3f>& shading_rates) {
+                    const OptionalArrayOf<int64_t>& ids, int32_t material, const OptionalArrayOf<Vec3f>& shading_rates,
+                    const std::optional<MotionsArray>& motions, int32_t link_group) {
   const size_t count = matrices.shape(0), first = scene.instances.size();
   if (ids && ids->shape(0) != count) throw Error(ErrorKind::Internal, "there are not as many ids as matrices", path);
   if (shading_rates && shading_rates->shape(0) != count)
     throw Error(ErrorKind::Internal, "there are not as many shading rates as matrices", path);
+  if (motions && motions->shape(0) != count)
+    throw Error(ErrorKind::Internal, "there are not as many motions as matrices", path);
+  const size_t keys = motions ? motions->shape(1) : 0;
   for (size_t i = 0; i < count; ++i) {
     LayerRates rates{};
     if (shading_rates) std::copy_n(shading_rates->data() + 3 * i, 3, rates.begin());
     std::string name = ids ? path + "[" + std::to_string(ids->data()[i]) + "]" : path;
-    scene.instances.push_back({std::move(name), prototype, toAffine(matrices.data() + i * 16), material, rates});
+    std::vector<Affine3d> motion(keys);
+    for (size_t k = 0; k < keys; ++k) motion[k] = toAffine(motions->data() + (i * keys + k) * 16);
+    scene.instances.push_back({std::move(name), prototype, toAffine(matrices.data() + i * 16), std::move(motion),
+                               material, rates, link_group});
   }
   return first;
-}
-
-size_t addTexture(Scene& scene, std::string path, const PixelArray& pixels) {
-  Texture texture{std::move(path), uint32_t(pixels.shape(1)), uint32_t(pixels.shape(0)), {}};
-  texture.rgba.assign(pixels.data(), pixels.data() + pixels.size());
-  scene.textures.push_back(std::move(texture));
-  return scene.textures.size() - 1;
-}
-
-nb::dict copyOf(nb::handle dictionary) { return nb::cast<nb::dict>(dictionary.attr("copy")()); }
-// Reads `d[key]` into value when there is such a key, and takes the key off the dictionary.
-template <class T>
-void take(nb::dict& d, const char* key, T& value) {
-  if (!d.contains(key)) return;
-  value = nb::cast<T>(nb::object(d[key]));
-  nb::del(d[key]);
-}
-template <class E, size_t N>
-void takeName(nb::dict& d, const char* key, E& value, const Names<E, N>& names, const std::string& where) {
-  std::string name = toName(names, value);
-  take(d, key, name);
-  value = fromName(names, name, where + "." + key);
-}
-void requireEmpty(const nb::dict& d, const std::string& where) {
-  if (d.size() == 0) return;
-  throw Error(ErrorKind::Internal, "unknown key '" + nb::cast<std::string>(nb::str(nb::list(d.keys())[0])) + "'",
-              where);
-}
-
-PatternNode toNode(nb::handle source) {
-  nb::dict d = copyOf(source);
-  PatternNode node;
-  take(d, "path", node.path);
-  takeName(d, "kind", node.kind, kNodeKinds, node.path);
-  take(d, "texture", node.texture);
-  take(d, "texcoord", node.texcoord);
-  take(d, "st_transform", node.st_transform);
-  takeName(d, "wrap_s", node.wrap_s, kWrapModes, node.path);
-  takeName(d, "wrap_t", node.wrap_t, kWrapModes, node.path);
-  take(d, "scale", node.scale);
-  take(d, "bias", node.bias);
-  take(d, "fallback", node.fallback);
-  requireEmpty(d, node.path);
-  return node;
-}
-
-// A constant, or {'value': constant, 'node': index, 'channel': first channel}.
-template <class T>
-void takeInput(nb::dict& inputs, const char* key, Input<T>& input) {
-  if (!inputs.contains(key)) return;
-  nb::object source(inputs[key]);
-  nb::del(inputs[key]);
-  if (nb::isinstance<nb::dict>(source)) {
-    nb::dict d = nb::cast<nb::dict>(source);
-    input.node = nb::cast<int32_t>(nb::object(d["node"]));
-    input.channel = nb::cast<int32_t>(nb::object(d["channel"]));
-    source = nb::object(d["value"]);
-  }
-  if constexpr (std::is_same_v<T, float>)
-    input.value = nb::cast<float>(source);
-  else
-    input.value = toVec(nb::cast<Triple>(source));
-}
-
-size_t addMaterial(Scene& scene, std::string path, const nb::dict& inputs, const nb::list& nodes,
-                   bool use_specular_workflow, float opacity_threshold) {
-  Material material;
-  material.path = std::move(path);
-  material.use_specular_workflow = use_specular_workflow;
-  material.opacity_threshold = opacity_threshold;
-  for (nb::handle node : nodes) material.nodes.push_back(toNode(node));
-  nb::dict d = copyOf(inputs);
-  takeInput(d, "diffuse_color", material.diffuse_color);
-  takeInput(d, "emissive_color", material.emissive_color);
-  takeInput(d, "specular_color", material.specular_color);
-  takeInput(d, "metallic", material.metallic);
-  takeInput(d, "roughness", material.roughness);
-  takeInput(d, "clearcoat", material.clearcoat);
-  takeInput(d, "clearcoat_roughness", material.clearcoat_roughness);
-  takeInput(d, "opacity", material.opacity);
-  takeInput(d, "ior", material.ior);
-  requireEmpty(d, material.path);
-  scene.materials.push_back(std::move(material));
-  return scene.materials.size() - 1;
-}
-
-size_t addLight(Scene& scene, const std::string& kind, std::string path, const Triple& radiance, float diffuse,
-                float specular, const Triple& direction, float angle_radians, const TripleD& centre,
-                const Triple& half_u, const Triple& half_v, float radius) {
-  Light light;
-  light.kind = fromName(kLightKinds, kind, path);
-  light.path = std::move(path);
-  light.radiance = toVec(radiance);
-  light.diffuse = diffuse;
-  light.specular = specular;
-  light.direction = toVec(direction);
-  light.angle_radians = angle_radians;
-  light.centre = toVec(centre);
-  light.half_u = toVec(half_u);
-  light.half_v = toVec(half_v);
-  light.radius = radius;
-  scene.lights.push_back(std::move(light));
-  return scene.lights.size() - 1;
-}
-
-void setCamera(Scene& scene, std::string path, const MatrixArray& matrix, const std::array<float, 2>& half_tangent,
-               const std::array<float, 2>& centre_tangent, float near_clip, float far_clip) {
-  scene.camera = {std::move(path),
-                  toAffine(matrix.data()),
-                  {half_tangent[0], half_tangent[1]},
-                  {centre_tangent[0], centre_tangent[1]},
-                  near_clip,
-                  far_clip};
 }
 
 // index as in Python, from 0; throws IndexError.
@@ -237,12 +133,14 @@ void bindAdding(nb::class_<Scene>& scene) {
             nb::arg("crease_sharpnesses") = nb::none(), nb::arg("normals") = nb::none(),
             nb::arg("display_color") = nb::none(), nb::arg("texcoords") = nb::list(),
             nb::arg("face_materials") = nb::none(), nb::arg("material") = 0, nb::arg("target_edge_length_world") = 0.0f,
-            nb::arg("shading_rate") = LayerRates{},
+            nb::arg("shading_rate") = LayerRates{}, nb::arg("primvars") = nb::list(), nb::arg("thin_walled") = false,
+            nb::arg("link_group") = 0, nb::arg("motion_points") = nb::none(), nb::arg("motion_normals") = nb::none(),
             "Adds a mesh; its index. Raises Error (kind 'scene') when it cannot be rendered.\n\n"
             "points: (n, 3) float32, prototype space; counts and indices: int32. Primvars are tuples\n"
             "(interpolation, values, indices or None), texcoords a list of (name, interpolation, values, indices).\n"
             "face_materials: one material index per face, -1 for `material`. Materials must be there before.\n"
-            "shading_rate: per pixel in the direct, reflection and refraction layer; 0: the frame's.");
+            "shading_rate: per pixel in the direct, reflection and refraction layer; 0: the frame's.\n"
+            "primvars: as texcoords, four floats to a value. motion_points and motion_normals: (keys, n, 3).");
   scene.def(
       "add_prototype",
       [](Scene& self, std::string path, std::vector<uint32_t> meshes) {
@@ -253,34 +151,21 @@ void bindAdding(nb::class_<Scene>& scene) {
   scene.def(
       "add_instance",
       [](Scene& self, std::string path, uint32_t prototype, const MatrixArray& matrix, int32_t material,
-         LayerRates shading_rate) {
-        self.instances.push_back({std::move(path), prototype, toAffine(matrix.data()), material, shading_rate});
+         LayerRates shading_rate, const std::optional<MatricesArray>& motion, int32_t link_group) {
+        self.instances.push_back({std::move(path), prototype, toAffine(matrix.data()), toAffines(motion), material,
+                                  shading_rate, link_group});
         return self.instances.size() - 1;
       },
       nb::arg("path"), nb::arg("prototype"), nb::arg("matrix"), nb::arg("material") = -1,
-      nb::arg("shading_rate") = LayerRates{},
+      nb::arg("shading_rate") = LayerRates{}, nb::arg("motion") = nb::none(), nb::arg("link_group") = -1,
       "Places a prototype; the instance's index. matrix: (4, 4) float64, USD's row vectors.\n"
-      "material: replaces the meshes' own where it is not -1; shading_rate where above 0, per layer.");
+      "material and link_group replace the meshes' own where they are not -1; shading_rate where above 0, per layer.\n"
+      "motion: (keys, 4, 4), uniform times over the shutter.");
   scene.def("add_instances", &addInstances, nb::arg("path"), nb::arg("prototype"), nb::arg("matrices"),
             nb::arg("ids") = nb::none(), nb::arg("material") = -1, nb::arg("shading_rates") = nb::none(),
+            nb::arg("motions") = nb::none(), nb::arg("link_group") = -1,
             "Places a prototype once per matrix (n, 4, 4); the first index. Paths: path, or path[id] with ids.\n"
-            "shading_rates: (n, 3) float32, as add_instance's.");
-  scene.def("add_texture", &addTexture, nb::arg("path"), nb::arg("pixels"),
-            "Adds linear pixels (height, width, 4) float32, bottom row first; the texture's index.");
-  scene.def("add_material", &addMaterial, nb::arg("path"), nb::arg("inputs") = nb::dict(),
-            nb::arg("nodes") = nb::list(), nb::arg("use_specular_workflow") = false,
-            nb::arg("opacity_threshold") = 0.0f,
-            "Adds a material; its index. inputs: fields of UsdPreviewSurface in snake case, each a constant or\n"
-            "{'value', 'node', 'channel'}; nodes: dictionaries with the fields of core's PatternNode.");
-  scene.def("add_light", &addLight, nb::arg("kind"), nb::arg("path"), nb::arg("radiance"), nb::kw_only(),
-            nb::arg("diffuse") = 1.0f, nb::arg("specular") = 1.0f, nb::arg("direction") = Triple{0, 0, -1},
-            nb::arg("angle_radians") = 0.0f, nb::arg("centre") = TripleD{0, 0, 0},
-            nb::arg("half_u") = Triple{0.5f, 0, 0}, nb::arg("half_v") = Triple{0, 0.5f, 0}, nb::arg("radius") = 0.5f,
-            "Adds a light in world space; its index. kind: 'distant', 'rect', 'sphere' or 'dome'.\n\n"
-            "radiance: of the surface; irradiance for a distant light with angle 0.");
-  scene.def("set_camera", &setCamera, nb::arg("path"), nb::arg("matrix"), nb::arg("half_tangent"),
-            nb::arg("centre_tangent") = std::array<float, 2>{0, 0}, nb::arg("near_clip") = 0.0f,
-            nb::arg("far_clip") = 1e30f, "Sets the camera: film window in tangents, clipping distances along -Z.");
+            "shading_rates: (n, 3) float32, as add_instance's. motions: (n, keys, 4, 4).");
 }
 
 void bindReading(nb::class_<Scene>& scene) {
@@ -315,6 +200,8 @@ void bindScene(nb::module_& module) {
                           "dictionaries with copied arrays.");
   scene.def(nb::init<>());
   bindAdding(scene);
+  bindMaterials(scene);
+  bindLights(scene);
   bindReading(scene);
   scene.def("validate", &Scene::validate, "Raises Error (kind 'scene') when the scene cannot be rendered.");
 }

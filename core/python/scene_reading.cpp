@@ -32,15 +32,47 @@ nb::object readPrimvar(const Primvar<T>& primvar) {
   return d;
 }
 
+nb::object matrices(const std::vector<Affine3d>& keys) {
+  nb::list list;
+  for (const Affine3d& key : keys) list.append(matrix(key));
+  return list;
+}
+
+nb::object readKeys(const std::vector<std::vector<Vec3f>>& keys) {
+  nb::list list;
+  for (const auto& key : keys) list.append(copyToNumpy(key));
+  return list;
+}
+
 template <class T>
 nb::object readInput(const Input<T>& input) {
   nb::dict d;
   if constexpr (std::is_same_v<T, float>)
     d["value"] = input.value;
+  else if constexpr (std::is_same_v<T, Vec4f>)
+    d["value"] = nb::make_tuple(input.value.x, input.value.y, input.value.z, input.value.w);
   else
     d["value"] = triple(input.value);
   d["node"] = input.node;
   d["channel"] = input.channel;
+  return d;
+}
+
+nb::object readShader(const std::optional<GlslShader>& shader) {
+  if (!shader) return nb::none();
+  nb::dict d;
+  nb::list parameters;
+  for (const GlslParameter& parameter : shader->parameters) {
+    nb::dict p;
+    p["name"] = parameter.name;
+    p["type"] = parameter.type;
+    p["input"] = readInput(parameter.input);
+    parameters.append(p);
+  }
+  d["path"] = shader->path;
+  d["file"] = shader->file;
+  d["source"] = shader->source;
+  d["parameters"] = parameters;
   return d;
 }
 
@@ -49,13 +81,16 @@ nb::dict readNode(const PatternNode& node) {
   d["kind"] = toName(kNodeKinds, node.kind);
   d["path"] = node.path;
   d["texture"] = node.texture;
+  d["udim"] = node.udim;
   d["texcoord"] = node.texcoord;
+  d["texcoord_fallback"] = node.texcoord_fallback;
   d["st_transform"] = node.st_transform;
   d["wrap_s"] = toName(kWrapModes, node.wrap_s);
   d["wrap_t"] = toName(kWrapModes, node.wrap_t);
   d["scale"] = node.scale;
   d["bias"] = node.bias;
   d["fallback"] = node.fallback;
+  d["primvar"] = node.primvar;
   return d;
 }
 
@@ -84,6 +119,13 @@ nb::dict readMesh(const Mesh& mesh) {
   nb::list texcoords;
   for (const auto& texcoord : mesh.texcoords) texcoords.append(readPrimvar(texcoord));
   d["texcoords"] = texcoords;
+  nb::list primvars;
+  for (const auto& primvar : mesh.primvars) primvars.append(readPrimvar(primvar));
+  d["primvars"] = primvars;
+  d["motion_points"] = readKeys(mesh.motion_points);
+  d["motion_normals"] = readKeys(mesh.motion_normals);
+  d["thin_walled"] = mesh.thin_walled;
+  d["link_group"] = mesh.link_group;
   d["face_materials"] = copyToNumpy(mesh.face_materials);
   d["material"] = mesh.material;
   d["target_edge_length_world"] = mesh.target_edge_length_world;
@@ -96,7 +138,9 @@ nb::dict readInstance(const Instance& instance) {
   d["path"] = instance.path;
   d["prototype"] = instance.prototype;
   d["to_world"] = matrix(instance.to_world);
+  d["motion"] = matrices(instance.motion);
   d["material"] = instance.material;
+  d["link_group"] = instance.link_group;
   d["shading_rate"] = nb::make_tuple(instance.shading_rate[0], instance.shading_rate[1], instance.shading_rate[2]);
   return d;
 }
@@ -104,7 +148,12 @@ nb::dict readInstance(const Instance& instance) {
 nb::dict readTexture(const Texture& texture) {
   nb::dict d;
   d["path"] = texture.path;
-  d["pixels"] = toNumpy(std::vector<float>(texture.rgba), {texture.height, texture.width, 4});
+  d["width"] = texture.width;
+  d["height"] = texture.height;
+  if (texture.rgba.empty())
+    d["pixels"] = nb::none();
+  else
+    d["pixels"] = toNumpy(std::vector<float>(texture.rgba), {texture.height, texture.width, 4});
   return d;
 }
 
@@ -119,6 +168,8 @@ nb::dict readMaterial(const Material& material) {
   inputs["clearcoat_roughness"] = readInput(material.clearcoat_roughness);
   inputs["opacity"] = readInput(material.opacity);
   inputs["ior"] = readInput(material.ior);
+  inputs["normal"] = readInput(material.normal);
+  inputs["displacement"] = readInput(material.displacement);
   nb::list nodes;
   for (const PatternNode& node : material.nodes) nodes.append(readNode(node));
   d["path"] = material.path;
@@ -126,6 +177,10 @@ nb::dict readMaterial(const Material& material) {
   d["nodes"] = nodes;
   d["use_specular_workflow"] = material.use_specular_workflow;
   d["opacity_threshold"] = material.opacity_threshold;
+  d["opacity_mode"] = toName(kOpacityModes, material.opacity_mode);
+  d["dielectric_priority"] = material.dielectric_priority;
+  d["surface_shader"] = readShader(material.surface_shader);
+  d["displacement_shader"] = readShader(material.displacement_shader);
   return d;
 }
 
@@ -142,6 +197,26 @@ nb::dict readLight(const Light& light) {
   d["half_u"] = triple(light.half_u);
   d["half_v"] = triple(light.half_v);
   d["radius"] = light.radius;
+  d["samples"] = light.samples;
+  d["instance"] = light.instance;
+  d["texture"] = light.texture;
+  d["format"] = toName(kDomeFormats, light.format);
+  d["axis_x"] = triple(light.axis_x);
+  d["axis_y"] = triple(light.axis_y);
+  d["axis_z"] = triple(light.axis_z);
+  d["shaped"] = light.shaped;
+  d["shaping_axis"] = triple(light.shaping_axis);
+  d["focus"] = light.focus;
+  d["focus_tint"] = triple(light.focus_tint);
+  d["cone_angle_radians"] = light.cone_angle_radians;
+  d["cone_softness"] = light.cone_softness;
+  d["shadow_enable"] = light.shadow_enable;
+  d["shadow_color"] = triple(light.shadow_color);
+  d["shadow_distance"] = light.shadow_distance;
+  d["shadow_falloff"] = light.shadow_falloff;
+  d["shadow_falloff_gamma"] = light.shadow_falloff_gamma;
+  d["lit_groups"] = std::vector<int>(light.lit_groups.begin(), light.lit_groups.end());
+  d["shadow_groups"] = std::vector<int>(light.shadow_groups.begin(), light.shadow_groups.end());
   return d;
 }
 
@@ -153,6 +228,17 @@ nb::dict readCamera(const Camera& camera) {
   d["centre_tangent"] = pair(camera.centre_tangent);
   d["near_clip"] = camera.near_clip;
   d["far_clip"] = camera.far_clip;
+  d["projection"] = toName(kProjections, camera.projection);
+  d["motion"] = matrices(camera.motion);
+  nb::list planes;
+  for (const ClippingPlane& plane : camera.clipping_planes)
+    planes.append(nb::make_tuple(plane.normal.x, plane.normal.y, plane.normal.z, plane.offset));
+  d["clipping_planes"] = planes;
+  d["lens_radius"] = camera.lens_radius;
+  d["focus_distance"] = camera.focus_distance;
+  d["aperture_blades"] = camera.aperture_blades;
+  d["aperture_rotation_radians"] = camera.aperture_rotation_radians;
+  d["exposure_scale"] = camera.exposure_scale;
   return d;
 }
 

@@ -25,6 +25,7 @@ uint32_t decoupledCell(Vec2f film, float rate) {
 
 Projection::Projection(const Camera& camera, const Settings& settings)
     : to_camera_(toFloat(inverse(camera.to_world))),
+      orthographic_(camera.projection == Camera::Projection::Orthographic),
       centre_tangent_(camera.centre_tangent),
       pixels_per_tangent_{float(settings.width) / (2 * camera.half_tangent.x),
                           float(settings.height) / (-2 * camera.half_tangent.y)},
@@ -32,7 +33,7 @@ Projection::Projection(const Camera& camera, const Settings& settings)
 
 Vec2f Projection::film(Vec3f world) const {
   const Vec3f p = to_camera_.point(world);
-  const float distance = std::max(std::abs(p.z), 1e-30f);
+  const float distance = orthographic_ ? 1 : std::max(std::abs(p.z), 1e-30f);
   return {bounded(middle_.x + (p.x / distance - centre_tangent_.x) * pixels_per_tangent_.x),
           bounded(middle_.y + (p.y / distance - centre_tangent_.y) * pixels_per_tangent_.y)};
 }

@@ -23,6 +23,7 @@ class Projection {
 
  private:
   Affine3f to_camera_;
+  bool orthographic_;
   Vec2f centre_tangent_, pixels_per_tangent_, middle_;
 };
 

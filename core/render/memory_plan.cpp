@@ -20,11 +20,18 @@ constexpr uint64_t kMaxSeedsPerBatch = 1u << 17;
 
 // What core/path and core/shade keep beside a path's vertex while it is on its way: how its ray spreads, and
 // the pattern points and inputs of a hit, each of them twice while blocks are joined.
-constexpr uint64_t kPathStateBytes = 2 * (sizeof(PatternPoint) + sizeof(PathInputs)) + 32;
+constexpr uint64_t kPatternFloats = 16;  // that most networks read at a point
+constexpr uint64_t kPathStateBytes =
+    2 * (sizeof(PatternPoint) + kPatternFloats * sizeof(float) + sizeof(PathInputs)) + 32;
 constexpr uint64_t kAaSampleBytes =
     sizeof(SurfaceKey) + sizeof(Vec2f) + sizeof(Vec3f) + sizeof(float) + 2 * sizeof(uint32_t);
 constexpr uint64_t kFilmSampleBytes = sizeof(uint32_t) + sizeof(float) + sizeof(Vec3f);
 constexpr uint64_t kShadingSampleBytes = sizeof(SurfaceKey) + sizeof(Vec2f) + sizeof(Vec3f) + sizeof(float);
+
+// Of the further coordinates of the reuse distance, where they are part of it.
+uint64_t aspectBytes(const Settings& settings) {
+  return settings.reuse_time_weight > 0 || settings.reuse_direction_weight > 0 ? sizeof(Vec4f) : 0;
+}
 
 std::string mebibytes(uint64_t bytes) { return std::to_string((bytes + (1u << 20) - 1) >> 20) + " MiB"; }
 
@@ -45,11 +52,12 @@ MemoryPlan planMemory(const Settings& settings, const PlanInput& input, uint64_t
     for (const PlanInput::LayerInput& layer : input.layers) {
       const uint64_t seeds = mostShadingRays(layer.rate);
       block_seeds = std::max(block_seeds, seeds);
-      plan.fixed_bytes += blocks * seeds * kShadingSampleBytes + ReuseKernels::indexBytes(blocks * seeds, layer.search);
+      plan.fixed_bytes += blocks * seeds * (kShadingSampleBytes + aspectBytes(settings)) +
+                          ReuseKernels::indexBytes(blocks * seeds, layer.search);
     }
   plan.bytes_per_seed_block = block_seeds * (sizeof(FirstHit) + sizeof(PathVertex) + sizeof(Vec3f) + kPathStateBytes);
   const uint64_t per_slot = sizeof(FirstHit) + 2 * sizeof(PathVertex) + kPathStateBytes + kAaSampleBytes +
-                            kFilmSampleBytes + input.layers.size() * sizeof(Vec3f);
+                            aspectBytes(settings) + kFilmSampleBytes + input.layers.size() * sizeof(Vec3f);
   plan.bytes_per_block =
       slots * per_slot + ReuseKernels::failureBytes(slots) + Film::partialBytes(1, settings.filter_radius_pixels);
 

@@ -41,6 +41,17 @@ uint64_t peakProcessBytes() {
   return uint64_t(usage.ru_maxrss) * 1024;
 }
 
+// The camera's exposure. The composite stays the exact sum of the layers.
+void expose(FilmImages& images, float scale) {
+  if (scale == 1) return;
+  std::fill(images.composite.begin(), images.composite.end(), Vec3f{});
+  for (std::vector<Vec3f>& layer : images.layers)
+    for (size_t i = 0; i < layer.size(); ++i) {
+      layer[i] *= scale;
+      images.composite[i] += layer[i];
+    }
+}
+
 class FrameRenderer {
  public:
   FrameRenderer(const Scene& scene, const Settings& settings, Device& device, const Progress& progress,
@@ -55,6 +66,7 @@ class FrameRenderer {
     for (const ReuseTile& tile : tiles) total_blocks_ += tile.blocks.size();
     for (const ReuseTile& tile : tiles) {
       FilmImages images = renderTile(tile);
+      expose(images, scene_.camera.exposure_scale);
       if (sink_)
         sink_(std::move(images));
       else
@@ -73,17 +85,19 @@ class FrameRenderer {
     report(0, "dice");
     {
       StageTimer timer(statistics_.time_s["dice"]);
-      diced_ = diceScene(scene_, settings_);
+      patterns_.emplace(device_, scene_, settings_);
+      diced_ = diceScene(scene_, settings_, &*patterns_);
     }
     report(0, "build");
     {
       StageTimer timer(statistics_.time_s["build"]);
-      trace_.emplace(scene_, diced_, settings_.world_space_parameters);
-      patterns_.emplace(device_, scene_);
+      std::vector<uint8_t> passes;
+      for (const Material& material : scene_.materials) passes.push_back(passesShadows(material, settings_));
+      trace_.emplace(scene_, diced_, settings_.world_space_parameters, passes);
     }
     layers_ = sceneLayers(scene_, settings_);
     rates_.emplace(scene_, settings_);
-    camera_.emplace(scene_.camera, settings_);
+    camera_.emplace(scene_.camera, settings_, scene_.moves());
     kernels_.emplace(device_);
     search_.emplace(scene_, settings_, *trace_, *rates_, *kernels_);
     plan();
@@ -93,9 +107,17 @@ class FrameRenderer {
     shading_.resize(layers_.size());
     context_.emplace(ShadeContext{scene_, settings_, *trace_, *patterns_, rays_traced_});
     seeds_.emplace(*context_, *camera_, *rates_, device_, layers_);
+    if (settings_.method == Method::Vertex) checkVertexMethod();
     if (settings_.method == Method::Vertex) vertex_shading_.emplace(*context_, *camera_, diced_);
     aa_.samples_per_pixel = per_pixel;
     reserveBatch(size_t(plan_.blocks_per_batch) * kBlockArea * per_pixel);
+  }
+
+  // Grids are laid for one view and one pose.
+  void checkVertexMethod() const {
+    if (scene_.camera.projection == Camera::Projection::Perspective && !scene_.moves()) return;
+    throw Error(ErrorKind::Setting, "the vertex method is for still scenes and perspective cameras", "method",
+                "Choose another method, or disable motion blur");
   }
 
   void plan() {
@@ -119,12 +141,14 @@ class FrameRenderer {
     aa_.throughput.reserve(device_, slots, "aa throughput");
     aa_.shade.reserve(device_, slots, "aa shade");
     if (search_->needsFootprints()) aa_.footprint.reserve(device_, slots, "aa footprint");
+    if (search_->needsAspects()) aa_.aspect.reserve(device_, slots, "aa aspect");
     if (search_->needsCells()) aa_.cell.reserve(device_, slots, "aa cell");
     film_samples_.position.reserve(device_, slots, "film position");
     film_samples_.coverage.reserve(device_, slots, "film coverage");
     film_samples_.normal.reserve(device_, slots, "film normal");
-    // Without other layers, first hits are only needed by failures, which can be traced again.
-    if (layers_.size() > 1 || search_->needsFirstHits()) first_.resize(slots);
+    // Without other layers, first hits are only needed by failures, which can be traced again, unless what they
+    // passed on their way would have to be asked again too.
+    if (layers_.size() > 1 || search_->needsFirstHits() || passesThrough(scene_)) first_.resize(slots);
     if (layers_.size() > 1) vertices_.resize(slots);
     depth_.resize(slots / aa_.samples_per_pixel);
   }
@@ -157,6 +181,7 @@ class FrameRenderer {
       shading.samples.key.toDevice(0, count);
       shading.samples.uv.toDevice(0, count);
       if (!shading.samples.footprint.empty()) shading.samples.footprint.toDevice(0, count);
+      if (!shading.samples.aspect.empty()) shading.samples.aspect.toDevice(0, count);
       shading.radiance.toDevice(0, count);
       search_->buildIndex(layers_[layer], shading);
     }
@@ -188,7 +213,8 @@ class FrameRenderer {
   SampleOutputs outputs() {
     const size_t count = aa_.count;
     return {aa_.key.host().first(count), aa_.uv.host().first(count), aa_.throughput.host().first(count),
-            aa_.footprint.host().first(std::min(count, aa_.footprint.size()))};
+            aa_.footprint.host().first(std::min(count, aa_.footprint.size())),
+            aa_.aspect.host().first(std::min(count, aa_.aspect.size()))};
   }
 
   void renderLayer(size_t layer, std::span<const BlockOrigin> blocks) {
@@ -236,6 +262,7 @@ class FrameRenderer {
     aa_.uv.toDevice(0, count);
     aa_.throughput.toDevice(0, count);
     if (!aa_.footprint.empty()) aa_.footprint.toDevice(0, count);
+    if (!aa_.aspect.empty()) aa_.aspect.toDevice(0, count);
     search_->find(shading_[layer], {layers_[layer], first_, vertices_}, aa_,
                   statistics_.layers[layerName(layers_[layer])]);
     if (settings_.debug_aovs) film_->addSearch(uint32_t(layer), blocks, aa_, shading_[layer].samples.uv);
@@ -292,7 +319,7 @@ class FrameRenderer {
     s.peak_memory_bytes = peakProcessBytes();
     s.device_peak_bytes = device_.peakAllocatedBytes();
     s.geometry_bytes = trace_->memoryBytes();
-    s.texture_bytes = patterns_->textureBytes();
+    s.texture_bytes = patterns_->peakTextureBytes() + context_->lights.bytes();
     s.kernels = device_.timings();
     if (vertex_shading_)
       for (const Layer layer : layers_)
@@ -304,6 +331,9 @@ class FrameRenderer {
       s.time_s["film"] += layer.film_s;
     }
     if (s.non_finite_samples) s.warnings["samples that were not finite count as black"] = s.non_finite_samples;
+    for (const DicedMesh& mesh : diced_)
+      if (mesh.lost_displacements)
+        s.warnings["displacements that were not finite count as 0"] += mesh.lost_displacements;
     const std::vector<uint32_t> untraceable = trace_->untraceable();
     if (!untraceable.empty())
       s.warnings["instances are too small to be traced and were left out, such as " +
@@ -380,9 +410,9 @@ RawTrace timeRawRays(Scene& scene, const Settings& settings) {
   const Rebased rebased(scene);
   RawTrace raw;
   inArena(settings, [&] {
-    const std::vector<DicedMesh> diced = diceScene(scene, settings);
+    const std::vector<DicedMesh> diced = diceScene(scene, settings);  // displacement is left out
     const TraceScene trace(scene, diced);
-    raw = timeRawPrimaryRays(trace, CameraRays(scene.camera, settings), settings);
+    raw = timeRawPrimaryRays(trace, CameraRays(scene.camera, settings, scene.moves()), settings);
   });
   return raw;
 }

@@ -47,6 +47,8 @@ void Seeds::reserve(LayerShading& shading, size_t seeds, size_t failures) const 
   samples.uv.reserve(device_, seeds, "seed uv");
   if (context_.settings.footprint_reuse == FootprintReuse::Metric)
     samples.footprint.reserve(device_, seeds, "seed footprint");
+  if (context_.settings.reuse_time_weight > 0 || context_.settings.reuse_direction_weight > 0)
+    samples.aspect.reserve(device_, seeds, "seed aspect");
   shading.radiance.reserve(device_, seeds + failures, "radiance");
 }
 
@@ -82,6 +84,7 @@ void Seeds::store(LayerShading& shading, std::span<const PathVertex> vertices) c
     samples.key.host()[first + i] = vertices[i].key;
     samples.uv.host()[first + i] = vertices[i].uv;
     if (!samples.footprint.empty()) samples.footprint.host()[first + i] = vertices[i].footprint;
+    if (!samples.aspect.empty()) samples.aspect.host()[first + i] = vertices[i].aspect;
   }
   samples.count += uint32_t(vertices.size());
 }

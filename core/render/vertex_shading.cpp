@@ -63,9 +63,10 @@ Vec3f arrivingFrom(Vec3f direction, Vec3f n) {
 
 VertexShading::VertexShading(const ShadeContext& context, const CameraRays& camera, const std::vector<DicedMesh>& diced)
     : settings_(vertexSettings(context.settings)),
-      context_{context.scene, settings_, context.trace, context.patterns, context.rays_traced},
+      context_{context.scene, settings_, context.trace, context.patterns, context.rays_traced, context.lights},
+      camera_(camera),
       camera_lights_(cameraLights(context.scene, context.settings)),
-      views_(context.scene.camera, context.settings, camera),
+      views_(context.scene.camera, context.settings),
       grids_(context.scene, context.settings, diced, views_) {
   const float limit = settings_.roughness_limit;
   const bool bounces = settings_.max_bounces > 0;
@@ -95,9 +96,9 @@ void VertexShading::shadeLayer(Layer layer, std::span<const FirstHit> first, std
 GridCell VertexShading::seenCell(Layer layer, const FirstHit& first, Vec3f& radiance) {
   radiance = {};
   if (!first.active()) return {};
-  const Ray ray = views_.rays(0).ray(first.film_x, first.film_y);
+  const Ray ray = camera_.ray(first);  // through the lens, where there is one
   if (!camera_lights_.empty()) {
-    const LightHit light = intersectLights(camera_lights_, ray.origin, ray.direction, first.hit.t);
+    const LightHit light = intersectLights(context_.lights, camera_lights_, ray.origin, ray.direction, first.hit.t);
     if (light.valid) {
       if (layer == Layer::Direct) radiance = light.radiance;
       return {};
@@ -251,11 +252,11 @@ PathVertex VertexShading::shadedVertex(const FirstHit& first, uint32_t view) con
   PathVertex v;
   v.hit = first.hit;
   v.throughput = {1, 1, 1};
-  v.direction = rays.ray(first.film_x, first.film_y).direction;
+  v.direction = rays.ray(first).direction;
   v.pixel = first.pixel, v.sample = first.sample;
   const SurfacePoint point = context_.trace.surface(first.hit, v.direction, false);
-  Vec3f dddx, dddy;
-  rays.differential(first.film_x, first.film_y, dddx, dddy);
+  Vec3f dpdx, dpdy, dddx, dddy;
+  rays.differential({first.film_x, first.film_y, first.pixel, first.sample}, dpdx, dpdy, dddx, dddy);
   const float longest = context_.trace.diagonal();
   v.dpdx = limited(transferDifferential({}, dddx, first.hit.t, v.direction, point.ng), longest);
   v.dpdy = limited(transferDifferential({}, dddy, first.hit.t, v.direction, point.ng), longest);

@@ -77,6 +77,7 @@ class VertexShading {
 
   const Settings settings_;     // in which lights hide no vertices
   const ShadeContext context_;  // with them
+  const CameraRays camera_;
   std::vector<Light> camera_lights_;
   std::vector<std::array<uint8_t, kMaxLayers>> feeds_;  // per material and layer
   VertexViews views_;

@@ -28,12 +28,14 @@ Affine3d turned(int view) {
 
 }  // namespace
 
-VertexViews::VertexViews(const Camera& camera, const Settings& settings, const CameraRays& rays)
-    : origin_(toFloat(camera.to_world.origin)),
-      half_tangent_(camera.half_tangent),
+VertexViews::VertexViews(const Camera& given, const Settings& settings)
+    : origin_(toFloat(given.to_world.origin)),
+      half_tangent_(given.half_tangent),
       width_(float(settings.width)),
       height_(float(settings.height)) {
-  views_.push_back({rays, inverse(camera.to_world), camera.centre_tangent});
+  Camera camera = given;
+  camera.lens_radius = 0;  // vertices are seen from the middle of the lens
+  views_.push_back({CameraRays(camera, settings), inverse(camera.to_world), camera.centre_tangent});
   for (int view = 0; view < 5; ++view) {
     Camera other = camera;
     other.to_world = camera.to_world * turned(view);
@@ -67,8 +69,8 @@ float VertexViews::pixelsPerRadian(Vec3f direction) const {
   const Vec3d film = filmPosition(views_[0], direction);
   float x = 0.5f * width_, y = 0.5f * height_;
   if (film.z > 0) x = std::clamp(float(film.x), 0.0f, width_), y = std::clamp(float(film.y), 0.0f, height_);
-  Vec3f dddx, dddy;
-  views_[0].rays.differential(x, y, dddx, dddy);
+  Vec3f dpdx, dpdy, dddx, dddy;
+  views_[0].rays.differential({x, y, 0, 0}, dpdx, dpdy, dddx, dddy);
   return 1 / std::sqrt(length(cross(dddx, dddy)));
 }
 

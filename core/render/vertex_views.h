@@ -18,7 +18,7 @@ struct ViewPosition {
 // film position of one of them.
 class VertexViews {
  public:
-  VertexViews(const Camera& camera, const Settings& settings, const CameraRays& rays);
+  VertexViews(const Camera& camera, const Settings& settings);
 
   Vec3f origin() const { return origin_; }
   uint32_t count() const { return uint32_t(views_.size()); }

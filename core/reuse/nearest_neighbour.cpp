@@ -14,26 +14,31 @@ struct Arguments {  // of nearest_neighbour.comp and nearest_neighbour_grouped.c
   uint64_t primitives, slots, nodes, lowest_ids, points, ids, keys, uv, shade, radii, footprints, footprint_ranges;
   uint32_t count, capacity, only_pending;
   float weight;
+  uint64_t aspects, sample_aspects;  // only of the first
 };
 
 }  // namespace
 
 NearestNeighbour::NearestNeighbour(Device& device, Walk walk) : device_(device), walk_(walk) {}
 
-NearestNeighbour::Kernels& NearestNeighbour::kernels(bool metric) {
-  Kernels& made = kernels_[metric];
+NearestNeighbour::Kernels& NearestNeighbour::kernels(bool metric, bool aspects) {
+  Kernels& made = kernels_[metric][aspects];
   if (made.single.impl() != nullptr) return made;
-  const std::array<uint32_t, 1> constants{metric};  // kMetric
+  const std::array<uint32_t, 2> constants{metric, aspects};  // kMetric, kAspects
   made.single = {device_, metric ? "nearest_in_metric" : "nearest_neighbour", kNearestNeighbourSpirv, constants};
-  if (walk_ == Walk::kGrouped) {
+  if (walk_ == Walk::kGrouped && !aspects) {
     made.grouped = {device_, metric ? "nearest_in_metric_grouped" : "nearest_neighbour_grouped",
-                    kNearestNeighbourGroupedSpirv, constants};
+                    kNearestNeighbourGroupedSpirv, std::array<uint32_t, 1>{metric}};
   }
   return made;
 }
 
 void NearestNeighbour::record(Commands& commands, const Trees& trees, AaSamples& aa) {
-  const bool metric = trees.footprint_weight > 0, grouped = walk_ == Walk::kGrouped;
+  const bool metric = trees.footprint_weight > 0, aspects = trees.sample_aspects != 0;
+  const bool grouped = walk_ == Walk::kGrouped && !aspects;
+  if (aspects && aa.aspect.size() < aa.count) {
+    throw Error(ErrorKind::Internal, "A distance in time and direction needs those of all antialiasing samples");
+  }
   if (metric && aa.footprint.size() < aa.count) {
     throw Error(ErrorKind::Internal, "The footprint metric needs the footprints of all antialiasing samples");
   }
@@ -52,8 +57,10 @@ void NearestNeighbour::record(Commands& commands, const Trees& trees, AaSamples&
                             aa.count,
                             uint32_t(trees.table.size()),
                             grouped,
-                            trees.footprint_weight};
-  const Kernels& by = kernels(metric);
+                            trees.footprint_weight,
+                            aspects ? aa.aspect.address() : 0,
+                            trees.sample_aspects};
+  const Kernels& by = kernels(metric, aspects);
   if (grouped) commands.dispatch(by.grouped, groupsFor(aa.count, kLocalSize * kRounds), arguments);
   commands.dispatch(by.single, groupsFor(aa.count, kLocalSize), arguments);
 }

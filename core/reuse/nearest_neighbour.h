@@ -18,7 +18,8 @@ class NearestNeighbour {
 
   explicit NearestNeighbour(Device& device, Walk walk = Walk::kGrouped);
   // Records: writes aa.shade, as ReuseKernels::findNearest() says. Reads aa.footprint where trees.footprint_weight
-  // is above 0.
+  // is above 0, and aa.aspect
+  // where trees.sample_aspects is not 0.
   void record(Commands& commands, const Trees& trees, AaSamples& aa);
 
  private:
@@ -26,11 +27,11 @@ class NearestNeighbour {
     Kernel grouped, single;
   };
   // Made when first needed.
-  Kernels& kernels(bool metric);
+  Kernels& kernels(bool metric, bool aspects);
 
   Device& device_;
   Walk walk_;
-  std::array<Kernels, 2> kernels_;  // without and with the metric
+  std::array<std::array<Kernels, 2>, 2> kernels_;  // without and with the metric, and aspects
 };
 
 }  // namespace encore

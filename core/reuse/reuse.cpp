@@ -41,6 +41,9 @@ void checkIndex(const ShadingSamples& samples, Search search, float footprint_we
   if (!(footprint_weight >= 0 && footprint_weight <= kLargestFootprintWeight)) {
     throw Error(ErrorKind::Internal, "A footprint weight of " + text(footprint_weight));
   }
+  if (!samples.aspect.empty() && (search != Search::Tree || samples.aspect.size() < samples.count)) {
+    throw Error(ErrorKind::Internal, "Only trees are searched by time and direction, with those of every sample");
+  }
   if (footprint_weight == 0) return;
   if (search != Search::Tree) throw Error(ErrorKind::Internal, "Only trees are searched in the footprint metric");
   if (samples.footprint.size() < samples.count) {

@@ -18,6 +18,7 @@ struct ShadingSamples {
   Buffer<SurfaceKey> key;
   Buffer<Vec2f> uv;
   Buffer<float> footprint;  // r of §2.4, only where the metric is in force
+  Buffer<Vec4f> aspect;     // further coordinates (§5: time and direction), only where they are part of the distance
 };
 
 // Antialiasing samples of one layer of one batch. Slots are ordered by (block, pixel in block, sample):
@@ -28,6 +29,7 @@ struct AaSamples {
   Buffer<SurfaceKey> key;
   Buffer<Vec2f> uv;
   Buffer<float> footprint;  // r of §2.4, only where the metric or a distance limit is in force
+  Buffer<Vec4f> aspect;     // as ShadingSamples'
   Buffer<Vec3f> throughput;
   Buffer<uint32_t> cell;   // what failures are grouped by besides their key, only where it is not the pixel
   Buffer<uint32_t> shade;  // written by findNearest() and serveFailures()
@@ -44,12 +46,15 @@ class ReuseKernels {
   ~ReuseKernels();
 
   // search: not Auto. footprint_weight: c of the metric of §2.4, up to 1e6; above 0 only with Search::Tree, and
-  // then samples.footprint is read. samples.count may be 0. Throws Error(Internal) when that does not hold.
+  // then samples.footprint is read. With Search::Tree, samples.aspect is part of the distance if it is not empty, and
+  // has to stay as it is until the last search. samples.count may be 0. Throws Error(Internal) when that does not
+  // hold.
   SearchIndexPointer buildIndex(const ShadingSamples& samples, Search search, float footprint_weight = 0);
 
   // Writes aa.shade: the id of the nearest shading sample in (u, v), or in the metric, with the same key, the
   // lowest id of several equally near; kShadeNotFound where the key has no sample; kShadeNone where it has
   // kNoInstance. Coordinates outside [0, 1]² count as the nearest point of it, and what is not a number as 0.
+  // With aspects, squared distances are those of (u, v), plus those of the aspects, the metric's part between them.
   // Footprints are clamped to [2^-60, 2^60], and what is not a number counts as the lower end.
   // The result does not depend on how the index searches.
   void findNearest(const SearchIndex& index, AaSamples& aa);

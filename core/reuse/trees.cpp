@@ -107,6 +107,7 @@ void TreeBuilder::reserve(uint32_t count) {
 void TreeBuilder::build(const ShadingSamples& samples, Trees& trees, float footprint_weight) {
   trees.sample_count = samples.count;
   trees.footprint_weight = footprint_weight;
+  trees.sample_aspects = samples.aspect.empty() ? 0 : samples.aspect.address();
   if (samples.count == 0) return;
   if (samples.count > kMaxSortValues) {
     throw Error(ErrorKind::Memory, std::to_string(samples.count) + " shading samples are too many for one tile");

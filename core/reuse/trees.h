@@ -41,6 +41,7 @@ struct TreeFootprintRange {
 struct Trees {
   uint32_t sample_count = 0, primitive_count = 0, node_count = 0;
   float footprint_weight = 0;                   // c of the metric of §2.4; 0: distances in (u, v)
+  uint64_t sample_aspects = 0;                  // device address of ShadingSamples::aspect, by id; 0: none
   Buffer<TreePrimitive> primitives;             // in order of their keys: instance, then primitive and side
   Buffer<TreeNode> nodes;                       // only of trees that have more than one leaf
   Buffer<uint32_t> lowest_ids;                  // per node

@@ -20,6 +20,14 @@ inline Vec2f operator-(Vec2f a, Vec2f b) { return {a.x - b.x, a.y - b.y}; }
 inline Vec2f operator*(Vec2f a, float s) { return {a.x * s, a.y * s}; }
 inline Vec2f operator*(float s, Vec2f a) { return a * s; }
 
+struct Vec4f {
+  float x = 0, y = 0, z = 0, w = 0;
+  bool operator==(const Vec4f&) const = default;
+};
+inline Vec4f operator+(Vec4f a, Vec4f b) { return {a.x + b.x, a.y + b.y, a.z + b.z, a.w + b.w}; }
+inline Vec4f operator-(Vec4f a, Vec4f b) { return {a.x - b.x, a.y - b.y, a.z - b.z, a.w - b.w}; }
+inline Vec4f operator*(Vec4f a, float s) { return {a.x * s, a.y * s, a.z * s, a.w * s}; }
+
 // A three-vector of T; points, directions and colours alike.
 template <class T>
 struct Vec3 {

@@ -45,7 +45,9 @@ struct Mesh {
   bool left_handed = false;
   bool double_sided = false;
 
-  std::vector<Vec3f> points;  // prototype space
+  std::vector<Vec3f> points;  // prototype space, at the frame's time
+  // Points at uniform times from shutter open to close, two or more; empty: the mesh does not deform.
+  std::vector<std::vector<Vec3f>> motion_points;
   std::vector<int32_t> face_vertex_counts;
   std::vector<int32_t> face_vertex_indices;
   std::vector<int32_t> hole_indices;
@@ -55,16 +57,22 @@ struct Mesh {
   std::vector<int32_t> crease_lengths;
   std::vector<float> crease_sharpnesses;  // one per crease, or one per edge of every crease
 
-  Primvar<Vec3f> normals;                 // used only where scheme is None
+  Primvar<Vec3f> normals;  // used only where scheme is None
+  // normals.values at the times of motion_points; empty: they stay, or are those of the geometry.
+  std::vector<std::vector<Vec3f>> motion_normals;
   Primvar<Vec3f> display_color;           // linear working space
-  std::vector<Primvar<Vec2f>> texcoords;  // by name; a material asks for one by name
+  std::vector<Primvar<Vec2f>> texcoords;  // by name; a material asks for them by name
+  std::vector<Primvar<Vec4f>> primvars;   // what else materials read, by name; missing channels are 0
 
   // Material of every base face: empty (all faces use material), or one index per face; -1: material.
   std::vector<int32_t> face_materials;
   int32_t material = 0;
 
   float target_edge_length_world = 0;  // primvars:encore:targetEdgeLength; 0: the default
-  LayerRates shading_rate{};           // primvars:encore:shadingRate and its per-layer forms; 0: the frame's
+  // Of transparent materials: a sheet that light passes straight, and not the skin of a solid that bends it.
+  bool thin_walled = false;
+  uint32_t link_group = 0;    // what lights tell apart: Light::lit_groups
+  LayerRates shading_rate{};  // primvars:encore:shadingRate and its per-layer forms; 0: the frame's
 };
 
 }  // namespace encore

@@ -17,6 +17,8 @@ enum class RandomUse : uint32_t {
   Lobe,   // which lobe is followed, and where to
   Light,  // points on lights; add the light's index times kLightStride
   Occlusion,
+  Camera,    // the place on the lens, and time
+  Presence,  // whether a path passes a surface that is partly there
 };
 
 // Hash of four words to four words (Jarzynski & Olano, "Hash Functions for GPU Rendering", JCGT 2020).

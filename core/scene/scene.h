@@ -23,10 +23,17 @@ struct Prototype {
 struct Instance {
   std::string path;
   uint32_t prototype = 0;
-  Affine3d to_world;
+  Affine3d to_world;  // at the frame's time
+  // Transforms at uniform times from shutter open to close, two or more; between them matrices are interpolated
+  // linearly, so that keys of a turning thing must be dense. Empty: it does not move.
+  std::vector<Affine3d> motion;
   int32_t material = -1;      // overrides the meshes' materials when not negative
   LayerRates shading_rate{};  // overrides the meshes' where above 0
+  int32_t link_group = -1;    // overrides the meshes' when not negative
 };
+
+// Keys of motion, at most: Embree's time steps.
+inline constexpr size_t kMaxMotionKeys = 129;
 
 struct Scene {
   std::vector<Mesh> meshes;
@@ -36,6 +43,9 @@ struct Scene {
   std::vector<Material> materials;  // material 0 exists
   std::vector<Light> lights;
   Camera camera;
+
+  // Something moves while the shutter is open: rays have times.
+  bool moves() const;
 
   // Throws Error(Scene) that names the prim path, the attribute, what was found and what to do.
   // After it, indices are in range, arrays have the sizes their interpolation asks for, all numbers

@@ -17,6 +17,9 @@ enum class Search { Auto, Tree, Groups, Cells };
 // What the footprints of two samples have to do with reuse between them (§2.4): nothing; the paper's metric;
 // or samples whose footprints are of different octaves never share.
 enum class FootprintReuse { Ignore, Metric, Octaves };
+// What transparent bodies do to light on its way to a surface: it passes straight, less what their interfaces reflect
+// and what is opaque in them, or it does not pass.
+enum class GlassShadows { Transmit, Opaque };
 
 struct Settings {
   Method method = Method::Reuse;
@@ -31,13 +34,23 @@ struct Settings {
   float target_edge_length_world = 0;  // of meshes without their own; 0: from each mesh's size
   float edge_length_scale = 1;         // of the lengths above, not of meshes' own lengths (--complexity)
   uint64_t max_micropolygons = 100'000'000;
-  uint32_t light_samples = 16;      // rays per area light and shade
-  uint32_t occlusion_samples = 64;  // rays per dome light and shade
+  uint32_t light_samples = 16;         // rays per area light and shade
+  uint32_t occlusion_samples = 64;     // rays per dome light and shade
+  float occlusion_distance_world = 0;  // what is further away does not occlude domes; 0: everything does
+  uint32_t most_light_samples = 128;   // of all area lights and shade: beyond it lights are chosen by importance
+  GlassShadows glass_shadows = GlassShadows::Transmit;
+  bool energy_compensation = true;    // rough lobes get back what microfacets reflect among each other
+  uint64_t texture_budget_bytes = 0;  // of resident texture levels; 0: an eighth of the machine's memory
+  std::string shader_cache;           // folder of compiled pattern shaders; empty: none
   uint32_t seed = 0;
   uint32_t reuse_tile_pixels = 512;  // a multiple of kBlockPixels
   Search search = Search::Auto;
   FootprintReuse footprint_reuse = FootprintReuse::Ignore;
-  float footprint_weight = 1;           // c of the metric
+  float footprint_weight = 1;  // c of the metric
+  // Weights of time (the whole shutter is 1) and of the direction that a path arrives from (unit vectors) as further
+  // coordinates of the reuse distance, beside those of (u, v); 0: not a part of it.
+  float reuse_time_weight = 0;
+  float reuse_direction_weight = 0;
   float max_reuse_distance = 0;         // in spacings of shading samples, beyond which a sample fails; 0: no limit
   bool world_space_parameters = false;  // (u, v) are scaled to each primitive's extents in the world
   bool debug_aovs = false;              // how shading was spent, per layer

@@ -31,8 +31,15 @@ std::string text(Vec3<T> v) {
   return parenthesized(text(v.x) + ", " + text(v.y) + ", " + text(v.z));
 }
 
+inline std::string text(Vec4f v) {
+  return parenthesized(text(v.x) + ", " + text(v.y) + ", " + text(v.z) + ", " + text(v.w));
+}
+
 inline bool allFinite(float v) { return std::isfinite(v); }
 inline bool allFinite(Vec2f v) { return std::isfinite(v.x) && std::isfinite(v.y); }
+inline bool allFinite(Vec4f v) {
+  return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z) && std::isfinite(v.w);
+}
 template <class T>
 bool allFinite(Vec3<T> v) {
   return isFinite(v);

@@ -134,6 +134,22 @@ void checkPrimvar(const Mesh& mesh, const Primvar<T>& primvar, const std::string
   errors.checkFinite(attribute, primvar.values);
 }
 
+void checkMotion(const Mesh& mesh, const MeshErrors& errors) {
+  const size_t keys = mesh.motion_points.size();
+  if (keys == 1 || keys > kMaxMotionKeys)
+    errors.raise("points", text(keys) + " motion keys", "Pass from 2 to " + text(kMaxMotionKeys) + " keys, or none");
+  for (const auto& points : mesh.motion_points) {
+    errors.checkSize("points (motion keys)", points.size(), mesh.points.size(), "points");
+    errors.checkFinite("points (motion keys)", points);
+  }
+  if (!mesh.motion_normals.empty())
+    errors.checkSize("normals (motion keys)", mesh.motion_normals.size(), keys, "keys of points");
+  for (const auto& normals : mesh.motion_normals) {
+    errors.checkSize("normals (motion keys)", normals.size(), mesh.normals.values.size(), "normals");
+    errors.checkFinite("normals (motion keys)", normals);
+  }
+}
+
 }  // namespace
 
 void validateMesh(const Mesh& mesh, size_t material_count) {
@@ -145,6 +161,9 @@ void validateMesh(const Mesh& mesh, size_t material_count) {
   checkPrimvar(mesh, mesh.display_color, "primvars:displayColor", errors);
   for (const Primvar<Vec2f>& texcoord : mesh.texcoords)
     checkPrimvar(mesh, texcoord, "primvars:" + texcoord.name, errors);
+
+  for (const Primvar<Vec4f>& primvar : mesh.primvars) checkPrimvar(mesh, primvar, "primvars:" + primvar.name, errors);
+  checkMotion(mesh, errors);
 
   if (!mesh.face_materials.empty()) {
     errors.checkSize("material:binding", mesh.face_materials.size(), mesh.face_vertex_counts.size(),

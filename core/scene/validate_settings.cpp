@@ -56,6 +56,15 @@ void Settings::validate() const {
   require(footprint_weight > 0 && footprint_weight <= 1e6f, "footprint_weight", footprint_weight,
           "a number above 0 and up to 1e6");
   requireRange("max_reuse_distance", max_reuse_distance, 0.0f, 1e6f);
+  requireRange("reuse_time_weight", reuse_time_weight, 0.0f, 1e6f);
+  requireRange("reuse_direction_weight", reuse_direction_weight, 0.0f, 1e6f);
+  require((reuse_time_weight == 0 && reuse_direction_weight == 0) || search == Search::Auto || search == Search::Tree,
+          "search", int(search), "auto or tree, which alone know distances in time and direction");
+  requireRange("most_light_samples", most_light_samples, 1u, 1u << 20);
+  require(std::isfinite(occlusion_distance_world) && occlusion_distance_world >= 0, "occlusion_distance_world",
+          occlusion_distance_world, "a finite length in world units, or 0 for no limit");
+  require(glass_shadows == GlassShadows::Transmit || glass_shadows == GlassShadows::Opaque, "glass_shadows",
+          int(glass_shadows), "transmit or opaque");
   requireRange("threads", threads, 0u, 1024u);
   requireRange("roughness_limit", roughness_limit, 0.0f, 1.0f);
 }

@@ -1,23 +1,39 @@
 // The lobes of UsdPreviewSurface: a clearcoat over a specular interface over transmission and diffuse.
 // Each interface reflects its share and passes the rest down, so that energy never grows.
 //
-// Choices where UsdPreviewSurface 2.6 leaves them open:
+// Opacity (UsdPreviewSurface 2.6), by material:
+// - opacityThreshold above 0: a cut-out. Below the threshold the surface is not there, else it is opaque.
+// - opacityMode presence: the whole surface, its lobes included, is there with the share opacity.
+// - opacityMode transparent: a body. opacity scales what is diffuse in it; the rest of what passes the interface
+//   transmits; the interface and the clearcoat stay. Metals transmit nothing, metallic in between its share of it.
+//   Solid: light is bent by ior, and inside of it meets the interface from the denser side, without the clearcoat.
+//   Thin: two parallel interfaces, see below. Materials that cannot transmit look the same from both sides.
+//
+// Choices where the specification leaves them open:
 // - The metallic workflow mixes two surfaces: a metal (Schlick, f0 = diffuseColor) and a dielectric (exact
 //   Fresnel of ior) over diffuse or transmission. The specular workflow is Schlick with f0 = specularColor.
-// - opacity < 1 without opacityThreshold is a solid that refracts by ior; 1 - opacity of what passes the
-//   interface transmits. Inside of it light meets the interface from the denser side, without the clearcoat.
-//   Materials that cannot refract look the same from both sides.
+// - Where solids touch or overlap, the dielectric's indices are relative to InterfaceView::other_ior, and equal ones
+//   leave no interface; specularColor is what it is.
+// - A sheet reflects what two interfaces reflect among each other and transmits straight on, less (1 - opacity) for
+//   each pass of the body: smooth, R + T² t² R / (1 - R² t²) and T² t / (1 - R² t²) with t = 1 - opacity; what is
+//   left goes to the diffuse body. It is alike from both sides, with the clearcoat, and never reflects totally: an
+//   index below that of its surroundings counts as its inverse. Rough sheets do the same with albedos; what they
+//   transmit spreads about the direction straight on as a reflecting lobe of less width (interface_shares.h).
 // - Radiance is not scaled by eta² where it refracts: every path enters and leaves closed solids, the factors
 //   cancel, and what ends inside keeps the brightness that compositors expect.
 // - Layers below a rough interface get 1 minus its directional albedo at the view cosine
 //   (interface_albedo.h); below a smooth one this is exact Fresnel transmittance.
-// - Microfacets scatter once. Light that would meet them again is lost: nothing of smooth surfaces, for glass
-//   of roughness 0.3 up to 3 % and of 0.5 up to 17 % at 60 degrees. Diffuse layers get it back (see above).
+// - What microfacets reflect among each other is given back (Settings::energy_compensation, interface_shares.h): a
+//   white furnace keeps 0.99 to 1.01 of its light, whatever the roughness. Without it smooth surfaces still keep all;
+//   glass of roughness 0.5 loses up to 29 % at some angles, metals of roughness 1 up to 69 % at grazing ones.
+// - Numbers out of range are clamped. NaN is black where it is a colour, else the specification's default.
+// - A shader of the user's own may set every input that its source names, so that it counts as varying.
 #pragma once
 
 #include "core/scene/material.h"
 #include "core/scene/math.h"
 #include "core/scene/settings.h"
+#include "core/shade/fresnel.h"
 #include "shaders/records.h"
 
 namespace encore {
@@ -35,16 +51,39 @@ struct Lobes {
   float metallic = 0;
   bool specular_traced = true;  // else evaluated inside shading
   bool coat_traced = true;
+  bool refracts = false;    // the material may transmit, whatever opacity is here
+  bool thin = false;        // ... straight on, through a sheet
+  bool compensated = true;  // Settings::energy_compensation
+
+  float bendEta() const { return thin ? 1 : eta; }  // for ray differentials of what is transmitted
 };
 
-// Fresnel reflectance of a dielectric for unpolarised light, exact. eta: far over near. 1 at total reflection.
-float fresnelDielectric(float cos_theta, float eta);
-Vec3f fresnelSchlick(float cos_theta, Vec3f f0);
-// Cosine beyond the interface where eta < 1, 0 at total reflection; cos_theta itself otherwise.
-float refractedCosine(float cos_theta, float eta);
+// Factors on what microfacets reflect and transmit under one view cosine: what they lose among each other is given
+// back, and sheets reflect twice. 1 where smooth.
+struct RoughScales {
+  float dielectric = 1;
+  Vec3f schlick{1, 1, 1};
+};
 
-// back: the hit is on the inside of the surface, where the interface is seen from the denser medium.
-Lobes makeLobes(const Material& material, const PathInputs& inputs, bool back, float roughness_limit);
+// How an interface is met.
+struct InterfaceView {
+  bool back = false;    // on the inside of the surface, where the interface is seen from the denser medium
+  bool thin = false;    // of a transparent material: a sheet (two parallel interfaces) that is passed straight
+  float other_ior = 1;  // of the medium on the outside: not 1 where solids touch or overlap
+};
+Lobes makeLobes(const Material& material, const PathInputs& inputs, const InterfaceView& view,
+                const Settings& settings);
+
+// Share of light that passes straight through the surface on its way to a light (Settings::glass_shadows), for a
+// direction with this cosine to the normal. A solid is seen from outside on both of its sides, so that nothing is
+// reflected totally. presence is not looked at: that is opacity's, for cut-outs and presence alike.
+Vec3f straightTransmittance(const Lobes& lobes, float cos_theta);
+// 1 - what of light and paths passes a surface with presence or cut-out as if it were not there.
+float presence(const Material& material, float opacity);
+// Shadow rays have to ask what the material lets through.
+bool passesShadows(const Material& material, const Settings& settings);
+// Straight transmittance of the material is not 0 where it is present: glass under GlassShadows::Transmit.
+bool transmitsShadows(const Material& material, const Settings& settings);
 
 // Does any material input let light into this layer? Decides which layers exist.
 bool feedsReflection(const Material& material, float roughness_limit);
@@ -91,10 +130,15 @@ class ShadedView {
   Vec3f diffuse() const { return diffuse_; }      // albedo after the shares that belong to shading
 
  private:
+  // Of the specular interface towards local i, h between it and wo_; the coat's share not taken.
+  Vec3f interfaceResponse(Vec3f i, Vec3f h, float cos_h) const;
+
   Lobes lobes_;
   Basis basis_;
   Vec3f wo_;  // local
   Vec3f diffuse_;
+  RoughScales scales_;
+  float coat_scale_ = 1;
   float under_coat_;  // share that passes the clearcoat
   float coat_probability_;
   bool rough_specular_, rough_coat_;

@@ -6,7 +6,7 @@
 #include <numeric>
 #include <vector>
 
-#include "core/shade/bsdf.h"
+#include "core/shade/fresnel.h"
 #include "core/shade/microfacet.h"
 
 namespace encore {
@@ -29,10 +29,9 @@ float facetNode(int i) {
   const float x = float(i) / (kFacets - 1);
   return x * x;
 }
-float etaNode(int i, bool denser_side) {
+float etaNode(int i) {
   const float x = float(i) / (kContrasts - 1), contrast = std::min(x * x, 0.999f);
-  const float eta = (1 + contrast) / (1 - contrast);
-  return denser_side ? 1 / eta : eta;
+  return (1 + contrast) / (1 - contrast);
 }
 
 struct Cell {
@@ -45,7 +44,7 @@ Cell cellOf(float x, int nodes) {  // x in [0, 1]
   return {index, scaled - float(index)};
 }
 
-float schlickFactor(float cos_theta, float eta) { return fresnelSchlick(refractedCosine(cos_theta, eta), {0, 0, 0}).x; }
+float schlickFactor(float cos_theta) { return fresnelSchlick(cos_theta, {0, 0, 0}).x; }
 
 // How the light of one bounce is spread over the microfacets' cosines: it does not depend on the index of
 // refraction, so that one set of microfacets serves every table.
@@ -71,44 +70,34 @@ FacetWeights facetWeights(float zo, float alpha) {
   return weights;
 }
 
-// table[contrast][facet]
-using FacetTable = std::array<FacetWeights, kContrasts>;
-template <class Reflectance>
-FacetTable facetTable(bool denser_side, Reflectance reflectance) {
-  FacetTable table{};
-  for (int e = 0; e < kContrasts; ++e)
-    for (int f = 0; f < kFacets; ++f) table[size_t(e)][size_t(f)] = reflectance(facetNode(f), etaNode(e, denser_side));
-  return table;
-}
-
 size_t node(int r, int c) { return size_t(r) * kCosines + size_t(c); }
 
 struct Tables {
   // [roughness][cosine]: F = 1, and Schlick's (1 - cos)⁵.
   std::vector<float> full, schlick;
   // [roughness][cosine][contrast]
-  std::vector<float> dielectric, dielectric_denser, schlick_denser;
+  std::vector<float> dielectric;
 
   Tables();
 };
 
 Tables::Tables() {
-  const FacetTable front = facetTable(false, fresnelDielectric), denser = facetTable(true, fresnelDielectric),
-                   edge = facetTable(true, schlickFactor);
-  const auto append = [](std::vector<float>& table, const FacetWeights& weights, const FacetTable& reflectance) {
-    for (const FacetWeights& r : reflectance)
-      table.push_back(std::inner_product(weights.begin(), weights.end(), r.begin(), 0.0f));
+  FacetWeights edge{};
+  std::array<FacetWeights, kContrasts> front{};
+  for (int f = 0; f < kFacets; ++f) {
+    edge[size_t(f)] = schlickFactor(facetNode(f));
+    for (int e = 0; e < kContrasts; ++e) front[size_t(e)][size_t(f)] = fresnelDielectric(facetNode(f), etaNode(e));
+  }
+  const auto sum = [](const FacetWeights& weights, const FacetWeights& reflectance) {
+    return std::inner_product(weights.begin(), weights.end(), reflectance.begin(), 0.0f);
   };
   for (int r = 0; r < kRoughnesses; ++r)
     for (int c = 0; c < kCosines; ++c) {
       const float roughness = float(r) / (kRoughnesses - 1);
       const FacetWeights weights = facetWeights(cosineNode(c), roughness * roughness);
       full.push_back(std::accumulate(weights.begin(), weights.end(), 0.0f));
-      schlick.push_back(0);
-      for (int f = 0; f < kFacets; ++f) schlick.back() += weights[size_t(f)] * schlickFactor(facetNode(f), 1);
-      append(dielectric, weights, front);
-      append(dielectric_denser, weights, denser);
-      append(schlick_denser, weights, edge);
+      schlick.push_back(sum(weights, edge));
+      for (const FacetWeights& reflectance : front) dielectric.push_back(sum(weights, reflectance));
     }
 }
 
@@ -125,35 +114,33 @@ float interpolate2(const std::vector<float>& table, Cell r, Cell c) {
   return mix(low, high, r.fraction);
 }
 
-// upper_bound: the largest of the corners in place of their interpolation.
-float interpolate3(const std::vector<float>& table, Cell r, Cell c, Cell e, bool upper_bound) {
+float interpolate3(const std::vector<float>& table, Cell r, Cell c, Cell e) {
   std::array<float, 4> edges{};
   for (int k = 0; k < 4; ++k) {
     const float* row = &table[node(r.index + (k >> 1), c.index + (k & 1)) * kContrasts + size_t(e.index)];
-    edges[size_t(k)] = upper_bound ? std::max(row[0], row[1]) : mix(row[0], row[1], e.fraction);
+    edges[size_t(k)] = mix(row[0], row[1], e.fraction);
   }
-  if (upper_bound) return *std::max_element(edges.begin(), edges.end());
   return mix(mix(edges[0], edges[1], c.fraction), mix(edges[2], edges[3], c.fraction), r.fraction);
 }
 
-Cell contrastCell(float eta) { return cellOf(std::sqrt(std::abs(eta - 1) / (eta + 1)), kContrasts); }
+Cell contrastCell(float eta) { return cellOf(std::sqrt(std::max(0.0f, eta - 1) / (eta + 1)), kContrasts); }
 Cell cosineCell(float cos_theta) { return cellOf(std::sqrt(std::max(cos_theta, 0.0f)), kCosines); }
 Cell roughnessCell(float alpha) { return cellOf(std::sqrt(alpha), kRoughnesses); }
 
 }  // namespace
 
 float dielectricAlbedo(float cos_theta, float alpha, float eta) {
-  const bool denser = eta < 1;
-  const auto& table = denser ? tables().dielectric_denser : tables().dielectric;
-  return interpolate3(table, roughnessCell(alpha), cosineCell(cos_theta), contrastCell(eta), denser);
+  return interpolate3(tables().dielectric, roughnessCell(alpha), cosineCell(cos_theta), contrastCell(eta));
 }
 
-Vec3f schlickAlbedo(float cos_theta, float alpha, Vec3f f0, float eta) {
+Vec3f schlickAlbedo(float cos_theta, float alpha, Vec3f f0) {
   const Cell r = roughnessCell(alpha), c = cosineCell(cos_theta);
-  const float full = interpolate2(tables().full, r, c);
-  const float edge = eta < 1 ? std::min(interpolate3(tables().schlick_denser, r, c, contrastCell(eta), true), full)
-                             : interpolate2(tables().schlick, r, c);
+  const float full = interpolate2(tables().full, r, c), edge = interpolate2(tables().schlick, r, c);
   return f0 * (full - edge) + Vec3f{edge, edge, edge};
+}
+
+float microfacetAlbedo(float cos_theta, float alpha) {
+  return interpolate2(tables().full, roughnessCell(alpha), cosineCell(cos_theta));
 }
 
 }  // namespace encore

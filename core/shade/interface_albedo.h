@@ -9,10 +9,11 @@
 
 namespace encore {
 
-// Exact dielectric. cos_theta in (0, 1], alpha in [0, 1], eta: far over near, in [0.01, 100].
-// Seen from the denser side (eta < 1) it is an upper bound: total reflection makes a kink that no table follows.
+// Exact dielectric, seen from the rarer side. cos_theta in (0, 1], alpha in [0, 1], eta: far over near, in [1, 100].
 float dielectricAlbedo(float cos_theta, float alpha, float eta);
-// Schlick's formula with f90 = 1. eta < 1: seen from the denser side, with the refracted angle; else 1.
-Vec3f schlickAlbedo(float cos_theta, float alpha, Vec3f f0, float eta);
+// Schlick's formula with f90 = 1.
+Vec3f schlickAlbedo(float cos_theta, float alpha, Vec3f f0);
+// Microfacets that reflect all: 1 minus it is what is lost among them.
+float microfacetAlbedo(float cos_theta, float alpha);
 
 }  // namespace encore

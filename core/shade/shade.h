@@ -10,6 +10,7 @@
 #include "core/pattern/patterns.h"
 #include "core/scene/scene.h"
 #include "core/shade/bsdf.h"
+#include "core/shade/light_set.h"
 #include "core/trace/trace_scene.h"
 
 namespace encore {
@@ -24,6 +25,7 @@ struct PathVertex {
   uint32_t sample = 0;
   SurfaceKey key{kNoInstance, 0};  // what shading may be reused within
   Vec2f uv;                        // within the primitive
+  Vec4f aspect;                    // further coordinates of the reuse distance; only where a setting asks for them
   float footprint = 0;             // r of §2.4 in the units of uv; only where a setting asks for it
 };
 
@@ -33,7 +35,13 @@ struct ShadeContext {
   const TraceScene& trace;
   Patterns& patterns;
   std::atomic<uint64_t>& rays_traced;
+  // Prepared when the context is made, which must be after the lights are known. Contexts of one scene may share it.
+  LightSet lights = LightSet(scene, settings, trace);
 };
+
+// Per material, 1 where shading multiplies its view-dependent weights itself (viewWeightInShading() in bsdf.h): also
+// the materials of instances that are lights, whose emission no interface attenuates.
+std::vector<uint8_t> viewWeightsInShading(const Scene& scene, const Settings& settings);
 
 // radiance[i] = shade(vertices[i]). Precondition: all hits valid.
 // ends: ascending ends of the blocks within vertices (ends.back() == vertices.size()). Shadow and

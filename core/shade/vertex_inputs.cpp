@@ -3,6 +3,8 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
+#include "core/trace/pattern_points.h"
+
 namespace encore {
 namespace {
 
@@ -10,27 +12,18 @@ constexpr uint32_t kConstant = 0xffffffffu;
 constexpr size_t kGrain = 256;
 
 template <class F>
-void parallelVertices(size_t count, F f) {
-  tbb::parallel_for(tbb::blocked_range<size_t>(0, count, kGrain), [&](const tbb::blocked_range<size_t>& range) {
+void parallelRanges(size_t count, F f) {
+  tbb::parallel_for(size_t{0}, (count + kGrain - 1) / kGrain, [&](size_t chunk) {
     const FlushDenormals flush;
-    for (size_t i = range.begin(); i != range.end(); ++i) f(i);
+    f(chunk, chunk * kGrain, std::min(count, (chunk + 1) * kGrain));
   });
 }
 
 }  // namespace
 
 VertexInputs::VertexInputs(const ShadeContext& context, std::span<const PathVertex> vertices) : context_(context) {
-  Patterns& patterns = context.patterns;
-  gather(
-      vertices, shading_, [&](int32_t material) { return patterns.shadingVaries(material); },
-      [&](std::span<const PatternPoint> points, std::span<ShadingInputs> values) {
-        patterns.evaluateShading(points, values);
-      });
-  gather(
-      vertices, path_, [&](int32_t material) { return patterns.pathVaries(material); },
-      [&](std::span<const PatternPoint> points, std::span<PathInputs> values) {
-        patterns.evaluatePath(points, values);
-      });
+  gather(vertices, PatternPart::Shading, shading_);
+  gather(vertices, PatternPart::Path, path_);
 }
 
 const ShadingInputs& VertexInputs::shading(size_t i, int32_t material) const {
@@ -43,35 +36,42 @@ const PathInputs& VertexInputs::path(size_t i, int32_t material) const {
   return constant ? context_.patterns.constantPath(material) : path_.values[path_.slots[i]];
 }
 
-template <class Value, class Varies, class Evaluate>
-void VertexInputs::gather(std::span<const PathVertex> vertices, Varying<Value>& part, Varies varies,
-                          Evaluate evaluate) const {
+template <class Value>
+void VertexInputs::gather(std::span<const PathVertex> vertices, PatternPart which, Varying<Value>& part) const {
+  const Patterns& patterns = context_.patterns;
   bool any = false;
-  for (size_t m = 0; m < context_.scene.materials.size(); ++m) any = any || varies(int32_t(m));
+  for (size_t m = 0; m < context_.scene.materials.size(); ++m) any = any || patterns.varies(which, int32_t(m));
   if (!any) return;
 
-  // Points in the order of their vertices, whatever thread makes them.
   part.slots.resize(vertices.size());
-  parallelVertices(vertices.size(),
-                   [&](size_t i) { part.slots[i] = varies(context_.trace.material(vertices[i].hit)) ? 0 : kConstant; });
+  parallelRanges(vertices.size(), [&](size_t, size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i)
+      part.slots[i] = patterns.varies(which, context_.trace.material(vertices[i].hit)) ? 0 : kConstant;
+  });
   uint32_t count = 0;
   for (uint32_t& slot : part.slots)
     if (slot != kConstant) slot = count++;
   if (count == 0) return;
-  std::vector<PatternPoint> points(count);
-  parallelVertices(vertices.size(), [&](size_t i) {
-    if (part.slots[i] != kConstant) points[part.slots[i]] = patternPoint(vertices[i]);
-  });
   part.values.resize(count);
-  evaluate(std::span<const PatternPoint>(points), std::span<Value>(part.values));
+  context_.patterns.evaluate(points(vertices, which, part.slots), std::span<Value>(part.values));
 }
 
-PatternPoint VertexInputs::patternPoint(const PathVertex& vertex) const {
-  const SurfacePoint point = context_.trace.surface(vertex.hit, vertex.direction, false);
-  const std::string& name = context_.patterns.texcoordName(point.material);
-  const int32_t slot = name.empty() ? -1 : context_.trace.texcoordSlot(vertex.hit, name);
-  const TexcoordPoint st = context_.trace.texcoord(vertex.hit, point, slot, vertex.dpdx, vertex.dpdy);
-  return {uint32_t(point.material), st.st, st.dstdx, st.dstdy, context_.trace.displayColor(vertex.hit)};
+// Points in the order of their vertices, whatever thread makes them.
+PatternPoints VertexInputs::points(std::span<const PathVertex> vertices, PatternPart which,
+                                   std::span<const uint32_t> slots) const {
+  std::vector<PatternPoints> chunks((vertices.size() + kGrain - 1) / kGrain);
+  parallelRanges(vertices.size(), [&](size_t chunk, size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i) {
+      if (slots[i] == kConstant) continue;
+      const PathVertex& v = vertices[i];
+      const SurfacePoint point = context_.trace.surface(v.hit, v.direction, false);
+      appendPatternPoint(context_.trace, context_.patterns.layout(which, point.material), v.hit, point, v.direction,
+                         v.dpdx, v.dpdy, chunks[chunk]);
+    }
+  });
+  PatternPoints all;
+  for (const PatternPoints& chunk : chunks) all.append(chunk);
+  return all;
 }
 
 }  // namespace encore

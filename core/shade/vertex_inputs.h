@@ -23,10 +23,9 @@ class VertexInputs {
     std::vector<uint32_t> slots;  // per vertex; empty where no material of the scene varies
     std::vector<Value> values;
   };
-  // varies(material); evaluate(points, values).
-  template <class Value, class Varies, class Evaluate>
-  void gather(std::span<const PathVertex> vertices, Varying<Value>& part, Varies varies, Evaluate evaluate) const;
-  PatternPoint patternPoint(const PathVertex& vertex) const;
+  template <class Value>
+  void gather(std::span<const PathVertex> vertices, PatternPart which, Varying<Value>& part) const;
+  PatternPoints points(std::span<const PathVertex> vertices, PatternPart which, std::span<const uint32_t> slots) const;
 
   const ShadeContext& context_;
   Varying<ShadingInputs> shading_;

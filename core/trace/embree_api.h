@@ -44,6 +44,11 @@ class Device {
                   "Use a larger target edge length or fewer prototypes");
     if (code != RTC_ERROR_NONE) throw Error(ErrorKind::Internal, "Embree: " + state_->message, where);
   }
+  void requireFilters() {
+    if (!rtcGetDeviceProperty(handle_.get(), RTC_DEVICE_PROPERTY_FILTER_FUNCTION_SUPPORTED))
+      throw Error(ErrorKind::Internal,
+                  "Embree is built without filter functions, which shadows of what is not opaque need");
+  }
   uint64_t bytes() const { return uint64_t(std::max<int64_t>(0, state_->bytes)); }
 
   Scene newScene() {
@@ -89,6 +94,18 @@ class Device {
 // Embree takes no coordinate beyond this; Debian's build stops the program at one, in unused lanes too.
 inline constexpr float kLargestCoordinate = 1e18f;
 
+// Coordinates within the triangle: the robust test accepts some outside of it by a rounding error.
+struct Barycentric {
+  float b1, b2;
+  Barycentric(float u, float v) : b1(std::clamp(u, 0.0f, 1.0f)), b2(std::clamp(v, 0.0f, 1.0f - b1)) {}
+};
+
+// What filter functions get to see of a query. Embree's part comes first: they are given its address.
+struct Context {
+  RTCIntersectContext embree;
+  void* recorder = nullptr;  // null: every hit counts
+};
+
 // Up to 16 rays in Embree's layout, and the queries on them.
 class Query {
  public:
@@ -97,16 +114,17 @@ class Query {
   Query(Coherence coherence, float largest_origin, bool half_packets)
       : largest_origin_(largest_origin), half_packets_(half_packets && coherence == Coherence::Coherent) {
     fillConstants();
-    rtcInitIntersectContext(&context_);
-    context_.flags =
+    rtcInitIntersectContext(&context_.embree);
+    context_.embree.flags =
         coherence == Coherence::Coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
   }
 
-  // Rays that are not finite or end before they start are inactive: they hit nothing.
+  // Rays that are not finite, end before they start or are outside of the shutter are inactive: they hit nothing.
   void setRay(uint32_t lane, const Ray& ray) {
     const Vec3f o = absolute(ray.origin), d = absolute(ray.direction);
     const bool usable = o.x <= largest_origin_ && o.y <= largest_origin_ && o.z <= largest_origin_ && d.x <= 2 &&
-                        d.y <= 2 && d.z <= 2 && ray.tnear >= 0 && ray.tnear <= ray.tfar;
+                        d.y <= 2 && d.z <= 2 && ray.tnear >= 0 && ray.tnear <= ray.tfar && ray.time >= 0 &&
+                        ray.time <= 1;
     fill(lane, usable ? ray : Ray{}, usable);
   }
   void disable(uint32_t lane) { fill(lane, Ray{}, false); }
@@ -132,6 +150,25 @@ class Query {
       valid_[i] = usable ? -1 : 0;
     }
   }
+  // The same for rays with origins or times of their own. setOrigin() was called all the same.
+  void setOwnRays(const RayPacket& rays, uint32_t count, bool own_origins, bool own_times) {
+    RTCRay16& r = packet_.ray;
+    setRays(rays, count);
+    for (uint32_t i = 0; i < kPacketWidth; ++i) {
+      bool usable = valid_[i] != 0;
+      if (own_times) {
+        const float time = rays.time[i];
+        usable &= (time >= 0) & (time <= 1);
+        r.time[i] = usable ? time : 0;
+      }
+      if (own_origins) {
+        const float ox = rays.ox[i], oy = rays.oy[i], oz = rays.oz[i], most = largest_origin_;
+        usable &= (std::abs(ox) <= most) & (std::abs(oy) <= most) & (std::abs(oz) <= most);
+        r.org_x[i] = usable ? ox : 0, r.org_y[i] = usable ? oy : 0, r.org_z[i] = usable ? oz : 0;
+      }
+      valid_[i] = usable ? -1 : 0;
+    }
+  }
   // hit() of every lane.
   void hits(HitPacket& out) const {
     const RTCHit16& h = packet_.hit;
@@ -144,6 +181,7 @@ class Query {
       out.mesh[i] = valid ? h.geomID[i] : 0, out.triangle[i] = valid ? h.primID[i] : 0;
       out.b1[i] = valid ? b1 : 0, out.b2[i] = valid ? b2 : 0;
       out.t[i] = valid ? packet_.ray.tfar[i] : std::numeric_limits<float>::infinity();
+      out.time[i] = valid ? packet_.ray.time[i] : 0;
     }
   }
 
@@ -152,17 +190,19 @@ class Query {
     intersect8(scene, 0);
     intersect8(scene, 8);
   }
-  void intersect16(RTCScene scene) { rtcIntersect16(valid_.data(), scene, &context_, &packet_); }
-  void occluded(RTCScene scene) { rtcOccluded16(valid_.data(), scene, &context_, &packet_.ray); }
+  void intersect16(RTCScene scene) { rtcIntersect16(valid_.data(), scene, &context_.embree, &packet_); }
+  void occluded(RTCScene scene) { rtcOccluded16(valid_.data(), scene, &context_.embree, &packet_.ray); }
+
+  // Of the geometries' filters; see shadow_hits.cpp.
+  void setRecorder(void* recorder) { context_.recorder = recorder; }
 
   bool isOccluded(uint32_t lane) const { return valid_[lane] != 0 && packet_.ray.tfar[lane] < 0; }
   Hit hit(uint32_t lane) const {
     const RTCHit16& h = packet_.hit;
     if (h.geomID[lane] == RTC_INVALID_GEOMETRY_ID) return {};
-    // The robust test accepts coordinates outside of the triangle by a rounding error.
-    const float b1 = std::clamp(h.u[lane], 0.0f, 1.0f);
-    const float b2 = std::clamp(h.v[lane], 0.0f, 1.0f - b1);
-    return {h.instID[0][lane], h.geomID[lane], h.primID[lane], b1, b2, packet_.ray.tfar[lane]};
+    const Barycentric b(h.u[lane], h.v[lane]);
+    return {h.instID[0][lane],      h.geomID[lane],        h.primID[lane], b.b1, b.b2,
+            packet_.ray.tfar[lane], packet_.ray.time[lane]};
   }
 
  private:
@@ -179,7 +219,7 @@ class Query {
     load(half.ray.mask, r.mask), load(half.ray.id, r.id), load(half.ray.flags, r.flags);
     load(half.hit.geomID, h.geomID), load(half.hit.instID[0], h.instID[0]);
     load(half.hit.u, h.u), load(half.hit.v, h.v), load(half.hit.primID, h.primID);
-    rtcIntersect8(&valid_[first], scene, &context_, &half);
+    rtcIntersect8(&valid_[first], scene, &context_.embree, &half);
     store(r.tfar, half.ray.tfar), store(h.u, half.hit.u), store(h.v, half.hit.v);
     store(h.geomID, half.hit.geomID), store(h.primID, half.hit.primID), store(h.instID[0], half.hit.instID[0]);
   }
@@ -187,7 +227,7 @@ class Query {
     RTCRay16& r = packet_.ray;
     r.org_x[lane] = ray.origin.x, r.org_y[lane] = ray.origin.y, r.org_z[lane] = ray.origin.z;
     r.dir_x[lane] = ray.direction.x, r.dir_y[lane] = ray.direction.y, r.dir_z[lane] = ray.direction.z;
-    r.tnear[lane] = ray.tnear, r.tfar[lane] = ray.tfar;
+    r.tnear[lane] = ray.tnear, r.tfar[lane] = ray.tfar, r.time[lane] = ray.time;
     packet_.hit.geomID[lane] = packet_.hit.instID[0][lane] = RTC_INVALID_GEOMETRY_ID;
     valid_[lane] = active ? -1 : 0;
   }
@@ -195,7 +235,7 @@ class Query {
   void fillConstants() {
     RTCRay16& r = packet_.ray;
     for (uint32_t lane = 0; lane < kPacketWidth; ++lane) {
-      r.time[lane] = 0, r.mask[lane] = 0xffffffffu, r.id[lane] = lane, r.flags[lane] = 0;
+      r.mask[lane] = 0xffffffffu, r.id[lane] = lane, r.flags[lane] = 0;
       packet_.hit.u[lane] = packet_.hit.v[lane] = 0, packet_.hit.primID[lane] = 0;  // copied, if not used
     }
   }
@@ -205,7 +245,7 @@ class Query {
   float largest_origin_;
   bool half_packets_;
   bool origin_usable_ = false;
-  RTCIntersectContext context_;
+  Context context_;
 };
 
 }  // namespace encore::embree

@@ -12,33 +12,38 @@ namespace encore {
 
 namespace {
 
-// What all hits on one triangle of one instance share, in world space.
+// What all hits on one triangle of one instance share, at one time if it moves, in world space.
 struct TriangleRecord {
   uint32_t instance = kNoInstance, mesh = 0, triangle = 0;
   uint32_t primitive_front = 0;  // SurfaceKey::primitive_side of the outside
   int32_t material = 0;
   bool degenerate = false;  // ng depends on the ray
   bool smooth = false;
+  bool moves = false;
+  float time = 0;
   Vec2f uv, duv1, duv2, scale;
   Vec3f ng;
   Vec3f n, dn1, dn2;  // not of unit length; only where smooth
   bool has_gradients = false;
   ParameterGradients gradients;  // filled when first asked for
 
-  bool holds(const Hit& hit) const { return triangle == hit.triangle && mesh == hit.mesh && instance == hit.instance; }
+  bool holds(const Hit& hit) const {
+    return triangle == hit.triangle && mesh == hit.mesh && instance == hit.instance && (!moves || time == hit.time);
+  }
 };
 
-// Fills the lanes of `points` whose hits lie on the record's triangle. Returns them as bits.
-ENCORE_AVX2_CLONES
-uint32_t resolveLanes(const TriangleRecord& __restrict r, const RayPacket& __restrict rays,
-                      const HitPacket& __restrict hits, SurfacePacket& __restrict points) {
+// Fills the lanes of `points` whose hits lie on the record's triangle, if it moves at its time. Returns them as bits.
+template <bool kMoves>
+[[gnu::always_inline]] inline uint32_t resolve(const TriangleRecord& __restrict r, const RayPacket& __restrict rays,
+                                               const HitPacket& __restrict hits, SurfacePacket& __restrict points) {
   // Read before the loop, so that it has no conditional loads.
   const Vec3f ng = r.ng;
   const uint32_t smooth = r.smooth ? 1 : 0, primitive_front = r.primitive_front;
   const int32_t material = r.material;
   uint32_t lanes = 0;
   for (uint32_t i = 0; i < kPacketWidth; ++i) {
-    const bool match = (hits.triangle[i] == r.triangle) & (hits.mesh[i] == r.mesh) & (hits.instance[i] == r.instance);
+    bool match = (hits.triangle[i] == r.triangle) & (hits.mesh[i] == r.mesh) & (hits.instance[i] == r.instance);
+    if constexpr (kMoves) match &= hits.time[i] == r.time;
     lanes |= match ? 1u << i : 0u;
     const float b1 = hits.b1[i], b2 = hits.b2[i];
     const float dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
@@ -63,6 +68,17 @@ uint32_t resolveLanes(const TriangleRecord& __restrict r, const RayPacket& __res
     points.nz[i] = match ? oz : points.nz[i];
   }
   return lanes;
+}
+
+ENCORE_AVX2_CLONES
+uint32_t resolveLanes(const TriangleRecord& record, const RayPacket& rays, const HitPacket& hits,
+                      SurfacePacket& points) {
+  return resolve<false>(record, rays, hits, points);
+}
+ENCORE_AVX2_CLONES
+uint32_t resolveMovingLanes(const TriangleRecord& record, const RayPacket& rays, const HitPacket& hits,
+                            SurfacePacket& points) {
+  return resolve<true>(record, rays, hits, points);
 }
 
 // Hits on triangles without a normal: the slow way.
@@ -104,9 +120,20 @@ double threadSeconds() {
 }  // namespace
 
 struct PacketTracer::Impl {
-  Impl(const TraceScene& trace_, Vec3f origin_)
-      : trace(trace_), query(trace_.impl_->query(Coherence::Coherent)), records(kRecords) {
-    query.setOrigin(origin_);
+  Impl(const TraceScene& trace_, Vec3f origin_, bool own_origins_)
+      : trace(trace_),
+        query(trace_.impl_->query(Coherence::Coherent)),
+        own_origins(own_origins_),
+        own_times(trace_.impl_->moves),
+        records(kRecords) {
+    query.setOrigin(own_origins ? Vec3f{} : origin_);
+  }
+
+  void load(embree::Query& to, const RayPacket& rays, uint32_t count) const {
+    if (own_origins || own_times)
+      to.setOwnRays(rays, count, own_origins, own_times);
+    else
+      to.setRays(rays, count);
   }
 
   TriangleRecord& record(const Hit& hit) {
@@ -118,6 +145,7 @@ struct PacketTracer::Impl {
 
   const TraceScene& trace;
   embree::Query query;
+  bool own_origins, own_times;
   std::vector<TriangleRecord> records;
 };
 
@@ -137,27 +165,31 @@ void PacketTracer::Impl::fill(TriangleRecord& r, const Hit& hit) const {
   r.uv = diced.uv[corners.i0];
   r.duv1 = diced.uv[corners.i1] - r.uv, r.duv2 = diced.uv[corners.i2] - r.uv;
 
-  const Vec3f p0 = diced.positions[corners.i0];
-  const LocalTriangle triangle(diced.positions[corners.i1] - p0, diced.positions[corners.i2] - p0);
-  const Vec3f covector = instance.to_prototype.transposedVector(triangle.normal);
+  r.moves = instance.moves() || !diced.motion_positions.empty();
+  r.time = hit.time;
+  const PlacedTriangle placed(instance, diced, corners, hit.time);
+  const LocalTriangle triangle(placed.edge1, placed.edge2);
+  const Affine3f& to_prototype = placed.place().to_prototype;
+  const Vec3f covector = to_prototype.transposedVector(triangle.normal);
   const float covector_length = length(covector);
   r.degenerate = !(covector_length > 0);
   if (!r.degenerate) r.ng = covector * (1 / covector_length);
   r.smooth = !diced.normals.empty();
   if (!r.smooth) return;
-  const Vec3f n = diced.normals[corners.i0];
-  r.n = instance.to_prototype.transposedVector(n);
-  r.dn1 = instance.to_prototype.transposedVector(diced.normals[corners.i1] - n);
-  r.dn2 = instance.to_prototype.transposedVector(diced.normals[corners.i2] - n);
+  const std::array<Vec3f, 3> n = corners.at(hit.time, diced.normals, diced.motion_normals);
+  r.n = to_prototype.transposedVector(n[0]);
+  r.dn1 = to_prototype.transposedVector(n[1] - n[0]);
+  r.dn2 = to_prototype.transposedVector(n[2] - n[0]);
 }
 
-PacketTracer::PacketTracer(const TraceScene& trace, Vec3f origin) : impl_(std::make_unique<Impl>(trace, origin)) {}
+PacketTracer::PacketTracer(const TraceScene& trace, Vec3f origin, bool own_origins)
+    : impl_(std::make_unique<Impl>(trace, origin, own_origins)) {}
 PacketTracer::~PacketTracer() = default;
 
 ENCORE_AVX2_CLONES
 void PacketTracer::intersect(const RayPacket& rays, uint32_t count, HitPacket& hits) {
   embree::Query& query = impl_->query;
-  query.setRays(rays, count);
+  impl_->load(query, rays, count);
   query.intersect(impl_->trace.impl_->top.get());
   query.hits(hits);
 }
@@ -172,7 +204,7 @@ void PacketTracer::surface(const RayPacket& rays, const HitPacket& hits, Surface
       resolveLane(impl_->trace, rays, hits, lane, points);
       left &= left - 1;
     } else {
-      left &= ~resolveLanes(record, rays, hits, points);
+      left &= ~(record.moves ? resolveMovingLanes : resolveLanes)(record, rays, hits, points);
     }
   }
 }
@@ -188,18 +220,17 @@ ParameterGradients PacketTracer::gradients(const HitPacket& hits, uint32_t lane)
   if (record.has_gradients) return record.gradients;
   const TraceScene::Impl& scene = *impl_->trace.impl_;
   const DicedMesh& mesh = *scene.meshOf(hit).diced;
-  const Affine3f& m = scene.instances[hit.instance].to_world;
   const Corners corners(mesh, hit.triangle);
-  const Vec3f p0 = mesh.positions[corners.i0];
-  record.gradients = parameterGradients(mesh, corners, m.vector(mesh.positions[corners.i1] - p0),
-                                        m.vector(mesh.positions[corners.i2] - p0), record.scale);
+  const PlacedTriangle placed(scene.instances[hit.instance], mesh, corners, hit.time);
+  const Affine3f& m = placed.place().to_world;
+  record.gradients = parameterGradients(mesh, corners, m.vector(placed.edge1), m.vector(placed.edge2), record.scale);
   record.has_gradients = true;
   return record.gradients;
 }
 
 double PacketTracer::rawSeconds(std::span<const RayPacket> packets) {
   std::vector<embree::Query> queries(packets.size(), impl_->query);
-  for (size_t i = 0; i < packets.size(); ++i) queries[i].setRays(packets[i], kPacketWidth);
+  for (size_t i = 0; i < packets.size(); ++i) impl_->load(queries[i], packets[i], kPacketWidth);
   const double start = threadSeconds();
   for (embree::Query& query : queries) query.intersect16(impl_->trace.impl_->top.get());
   return threadSeconds() - start;

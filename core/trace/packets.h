@@ -1,4 +1,4 @@
-// Packets of coherent rays from one point, as structures of arrays: the fast way to first hits.
+// Packets of coherent rays, mostly from one point, as structures of arrays: the fast way to first hits.
 //
 // Gives what TraceScene::intersect(..., Coherent) and surface() give, to the last bit.
 #pragma once
@@ -17,6 +17,8 @@ template <class T>
 using PacketLanes = T[kPacketWidth];
 
 struct alignas(64) RayPacket {
+  PacketLanes<float> ox, oy, oz;  // only read where rays of the packet differ in origin; else that of the tracer
+  PacketLanes<float> time;        // only read where the scene moves
   PacketLanes<float> dx, dy, dz;  // unit
   PacketLanes<float> tnear, tfar;
 };
@@ -25,8 +27,11 @@ struct alignas(64) RayPacket {
 struct alignas(64) HitPacket {
   PacketLanes<uint32_t> instance, mesh, triangle;
   PacketLanes<float> b1, b2, t;
+  PacketLanes<float> time;
 
-  Hit hit(uint32_t lane) const { return {instance[lane], mesh[lane], triangle[lane], b1[lane], b2[lane], t[lane]}; }
+  Hit hit(uint32_t lane) const {
+    return {instance[lane], mesh[lane], triangle[lane], b1[lane], b2[lane], t[lane], time[lane]};
+  }
 };
 
 // What SurfacePoint holds of it, all zero where nothing was hit.
@@ -53,8 +58,9 @@ struct ParameterGradients {
 
 class PacketTracer {
  public:
-  // Keeps a reference to trace. All rays start at origin. Not thread-safe: one for each thread.
-  PacketTracer(const TraceScene& trace, Vec3f origin);
+  // Keeps a reference to trace. All rays start at origin, unless `own_origins`: then at their own.
+  // Not thread-safe: one for each thread.
+  PacketTracer(const TraceScene& trace, Vec3f origin, bool own_origins = false);
   ~PacketTracer();
   PacketTracer(const PacketTracer&) = delete;
   PacketTracer& operator=(const PacketTracer&) = delete;

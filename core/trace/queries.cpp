@@ -1,5 +1,5 @@
 // Rays in packets of 16, in order: which rays share a packet depends on nothing but their position.
-#include "core/trace/trace_impl.h"
+#include "core/trace/shadow_hits.h"
 
 namespace encore {
 
@@ -30,5 +30,30 @@ void TraceScene::occluded(std::span<const Ray> rays, std::span<uint8_t> occluded
       rays, impl_->query(coherence), [&](embree::Query& query) { query.occluded(impl_->top.get()); },
       [&](const embree::Query& query, size_t ray, uint32_t lane) { occluded[ray] = query.isOccluded(lane) ? 1 : 0; });
 }
+
+void TraceScene::shadows(std::span<const Ray> rays, const ShadowQuery& query, std::span<ShadowHits> results,
+                         Coherence coherence) const {
+  std::array<ShadowHits, kPacketWidth> before;
+  ShadowRecorder recorder{*impl_, nullptr, nullptr, nullptr, query.resume ? before.data() : nullptr, {}};
+  embree::Query packet = impl_->query(coherence);
+  packet.setRecorder(&recorder);
+  size_t first = 0;
+  forEachPacket(
+      rays, std::move(packet),
+      [&](embree::Query& p) {
+        const size_t count = std::min<size_t>(kPacketWidth, rays.size() - first);
+        recorder.rays = &rays[first], recorder.results = &results[first];
+        recorder.groups = query.groups.empty() ? nullptr : &query.groups[first];
+        if (query.resume) std::copy_n(recorder.results, count, before.begin());
+        for (size_t i = 0; i < count; ++i)
+          results[first + i].occluded = results[first + i].overflow = false, results[first + i].count = 0;
+        recorder.dropped.fill(std::numeric_limits<float>::infinity());
+        p.occluded(impl_->top.get());
+        first += count;
+      },
+      [&](const embree::Query& p, size_t, uint32_t lane) { recorder.finish(lane, p.isOccluded(lane)); });
+}
+
+bool TraceScene::needsShadowHits() const { return impl_->filtered; }
 
 }  // namespace encore

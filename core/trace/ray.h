@@ -14,6 +14,7 @@ struct Ray {
   float tnear = 0;
   Vec3f direction;  // unit
   float tfar = std::numeric_limits<float>::infinity();
+  float time = 0;  // 0: shutter open, 1: shutter close
 };
 
 // The closest surface along a ray; instance == kNoInstance: none.
@@ -23,6 +24,7 @@ struct Hit {
   uint32_t triangle = 0;            // of that mesh's DicedMesh
   float b1 = 0, b2 = 0;             // barycentric coordinates of the triangle's second and third vertex
   float t = std::numeric_limits<float>::infinity();
+  float time = 0;  // of the ray
 
   bool valid() const { return instance != kNoInstance; }
 };

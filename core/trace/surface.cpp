@@ -1,14 +1,10 @@
-// What is known at a hit: position with its rounding error, normals, parametric coordinates, primvars.
-#include <string>
-
+// What is known at a hit: position with its rounding error, normals, parametric coordinates.
 #include "core/trace/trace_impl.h"
 #include "core/trace/traced_triangle.h"
 
 namespace encore {
 
 namespace {
-
-Vec3f componentMax(Vec3f a, Vec3f b) { return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)}; }
 
 constexpr float gammaf(int n) { return float(roundingGamma(n)); }
 
@@ -46,19 +42,24 @@ int32_t resolveMaterial(const TracedInstance& instance, const TracedMesh& mesh, 
   return mesh.mesh->material;
 }
 
-int32_t TraceScene::material(const Hit& hit) const {
-  const TracedInstance& instance = impl_->instances[hit.instance];
-  const TracedMesh& mesh = impl_->meshOf(hit);
+int32_t materialOfTriangle(const TracedInstance& instance, const TracedMesh& mesh, uint32_t triangle) {
   if (instance.material >= 0 || mesh.mesh->face_materials.empty()) return resolveMaterial(instance, mesh, 0);
-  return resolveMaterial(instance, mesh, mesh.diced->triangle_primitive[hit.triangle]);
+  return resolveMaterial(instance, mesh, mesh.diced->triangle_primitive[triangle]);
+}
+
+int32_t TraceScene::material(const Hit& hit) const {
+  return materialOfTriangle(impl_->instances[hit.instance], impl_->meshOf(hit), hit.triangle);
 }
 
 TracedTriangle::TracedTriangle(const TraceScene& trace, const Hit& hit)
-    : instance_index_(hit.instance), mesh_(hit.mesh), triangle_(hit.triangle) {
+    : instance_index_(hit.instance), mesh_(hit.mesh), triangle_(hit.triangle), time_(hit.time) {
   const TraceScene::Impl& scene = *trace.impl_;
   instance_ = &scene.instances[hit.instance];
   const TracedMesh& mesh = scene.meshOf(hit);
   const DicedMesh& diced = *mesh.diced;
+  if (!diced.motion_positions.empty()) deforming_ = &diced;
+  moves_ = deforming_ || instance_->moves();
+  thin_ = mesh.mesh->thin_walled;
   const Corners corners(diced, hit.triangle);
   const uint32_t primitive = diced.triangle_primitive[hit.triangle];
   primitive_ = mesh.first_primitive + primitive;
@@ -67,26 +68,28 @@ TracedTriangle::TracedTriangle(const TraceScene& trace, const Hit& hit)
   uv_ = diced.uv[corners.i0];
   duv1_ = diced.uv[corners.i1] - uv_, duv2_ = diced.uv[corners.i2] - uv_;
 
-  p0_ = diced.positions[corners.i0];
-  edge1_ = diced.positions[corners.i1] - p0_, edge2_ = diced.positions[corners.i2] - p0_;
-  e1_ = instance_->to_world.vector(edge1_), e2_ = instance_->to_world.vector(edge2_);
+  const PlacedTriangle placed(*instance_, diced, corners, hit.time);
+  p0_ = placed.p0, edge1_ = placed.edge1, edge2_ = placed.edge2;
+  e1_ = placed.place().to_world.vector(edge1_), e2_ = placed.place().to_world.vector(edge2_);
   const LocalTriangle triangle(edge1_, edge2_);
-  const Affine3f& to_prototype = instance_->to_prototype;
+  const Affine3f& to_prototype = placed.place().to_prototype;
   const Vec3f covector = to_prototype.transposedVector(triangle.normal);
   const float covector_length = length(covector);
   degenerate_ = !(covector_length > 0);
   if (!degenerate_) ng_ = covector * (1 / covector_length);
   smooth_ = !diced.normals.empty();
   if (!smooth_) return;
-  const Vec3f n0 = diced.normals[corners.i0];
-  n_ = to_prototype.transposedVector(n0);
-  dn1_ = to_prototype.transposedVector(diced.normals[corners.i1] - n0);
-  dn2_ = to_prototype.transposedVector(diced.normals[corners.i2] - n0);
+  const std::array<Vec3f, 3> n = corners.at(hit.time, diced.normals, diced.motion_normals);
+  n_ = to_prototype.transposedVector(n[0]);
+  dn1_ = to_prototype.transposedVector(n[1] - n[0]);
+  dn2_ = to_prototype.transposedVector(n[2] - n[0]);
 }
 
 SurfacePoint TracedTriangle::surface(const Hit& hit, Vec3f direction) const {
   SurfacePoint point;
-  point.position = instance_->to_world.point(p0_ + (edge1_ * hit.b1 + edge2_ * hit.b2));
+  const Vec3f local = p0_ + (edge1_ * hit.b1 + edge2_ * hit.b2);
+  point.position =
+      instance_->moves() ? worldAt(*instance_, time_).point(local) : instance_->still.to_world.point(local);
   point.e1 = e1_, point.e2 = e2_;
   point.ng = degenerate_ ? -direction : ng_;
   point.side = dot(point.ng, direction) > 0 ? 1 : 0;
@@ -103,6 +106,8 @@ SurfacePoint TracedTriangle::surface(const Hit& hit, Vec3f direction) const {
   }
   point.primitive = primitive_;
   point.material = material_;
+  point.thin = thin_;
+  point.time = hit.time;
   const Vec2f uv = uv_ + (duv1_ * hit.b1 + duv2_ * hit.b2);
   point.uv = {std::clamp(uv.x, 0.0f, 1.0f) * scale_.x, std::clamp(uv.y, 0.0f, 1.0f) * scale_.y};
   return point;
@@ -112,28 +117,47 @@ SurfacePoint TracedTriangle::surface(const Hit& hit, Vec3f direction) const {
 // rounding is bounded to first order. To that comes what Embree's own transform of a ray that starts here,
 // and its test against this triangle, may add.
 Vec3f TracedTriangle::positionError(const Hit& hit, const SurfacePoint& point) {
-  if (!has_plane_error_) fillPlaneError();
-  const TracedInstance& instance = *instance_;
+  if (instance_->moves()) return movingPositionError(hit, point);
+  if (!has_plane_error_) fillPlaneError(instance_->still);
+  return positionErrorAt(instance_->still, hit, point);
+}
+
+Vec3f TracedTriangle::positionErrorAt(const Placement& place, const Hit& hit, const SurfacePoint& point) const {
   const Vec3f local = p0_ + (edge1_ * hit.b1 + edge2_ * hit.b2);
   const Vec3f from_corner = absolute(edge1_) * hit.b1 + absolute(edge2_) * hit.b2;
 
-  const Affine3f& m = instance.to_world;
+  const Affine3f& m = place.to_world;
   const Affine3f magnitude{absolute(m.ex), absolute(m.ey), absolute(m.ez), absolute(m.origin)};
   const Vec3f local_error = absolute(local) * gammaf(1) + from_corner * gammaf(5);
   const Vec3f reach = absolute(point.position) + magnitude.origin + absolute(point.e1) + absolute(point.e2);
   return magnitude.point(absolute(local)) * gammaf(4) + magnitude.vector(local_error) +
-         Vec3f{dot(instance.ray_error_x, reach), dot(instance.ray_error_y, reach), dot(instance.ray_error_z, reach)} +
+         Vec3f{dot(place.ray_error_x, reach), dot(place.ray_error_y, reach), dot(place.ray_error_z, reach)} +
          plane_error_;
 }
 
-// A distance along the prototype-space normal, seen along the world-space one.
-void TracedTriangle::fillPlaneError() {
+// To that comes how far Embree's interpolated matrix may be from ours.
+Vec3f TracedTriangle::movingPositionError(const Hit& hit, const SurfacePoint& point) {
+  Placement place = placementAt(*instance_, time_);
+  addRayError(place);
+  if (!has_plane_error_) fillPlaneError(place);
+  const Vec3f reach = absolute(p0_) + absolute(edge1_) + absolute(edge2_);
+  return positionErrorAt(place, hit, point) + keyError(*instance_, time_).point(reach);
+}
+
+// A distance along the prototype-space normal, seen along the world-space one. Where the mesh deforms, Embree's
+// triangle is beside ours: twice, because rays may start a little outside of it.
+void TracedTriangle::fillPlaneError(const Placement& place) {
   has_plane_error_ = true;
-  if (degenerate_) return;
-  const LocalTriangle triangle(edge1_, edge2_);
-  const float covector_length = length(instance_->to_prototype.transposedVector(triangle.normal));
-  const float stretch = triangle.scale * length(triangle.normal) / covector_length;
-  plane_error_ = absolute(ng_) * (triangle.planeError() * stretch);
+  if (!degenerate_) {
+    const LocalTriangle triangle(edge1_, edge2_);
+    const float covector_length = length(place.to_prototype.transposedVector(triangle.normal));
+    const float stretch = triangle.scale * length(triangle.normal) / covector_length;
+    plane_error_ = absolute(ng_) * (triangle.planeError() * stretch);
+  }
+  if (!deforming_) return;
+  const Affine3f& m = place.to_world;
+  const Vec3f error = vertexError(*deforming_, Corners(*deforming_, triangle_), time_) * 2;
+  plane_error_ = plane_error_ + Affine3f{absolute(m.ex), absolute(m.ey), absolute(m.ez), {}}.vector(error);
 }
 
 void TracedTriangle::fillGradients() {
@@ -179,32 +203,6 @@ Vec2f SurfacePoint::barycentricChange(Vec3f dp) const {
   const double area2 = dot(n, n);
   if (!(area2 > 0)) return {0, 0};
   return {float(dot(cross(d, b), n) / area2), float(dot(cross(a, d), n) / area2)};
-}
-
-TexcoordPoint TraceScene::texcoord(const Hit& hit, const SurfacePoint& point, int32_t slot, Vec3f dpdx,
-                                   Vec3f dpdy) const {
-  if (slot < 0) return {};
-  const DicedMesh& mesh = *impl_->meshOf(hit).diced;
-  const std::vector<Vec2f>& values = mesh.texcoords[size_t(slot)];
-  const Corners corners(mesh, hit.triangle);
-  const Vec2f st1 = values[corners.i1] - values[corners.i0], st2 = values[corners.i2] - values[corners.i0];
-  const Vec2f bx = point.barycentricChange(dpdx), by = point.barycentricChange(dpdy);
-  return {corners.interpolate(values, hit.b1, hit.b2), st1 * bx.x + st2 * bx.y, st1 * by.x + st2 * by.y};
-}
-
-int32_t TraceScene::texcoordSlot(const Hit& hit, const std::string& name) const {
-  const TracedMesh& mesh = impl_->meshOf(hit);
-  const auto& sets = mesh.mesh->texcoords;
-  for (size_t i = 0; i < sets.size(); ++i)
-    if (sets[i].name == name)
-      return i < mesh.diced->texcoords.size() && !mesh.diced->texcoords[i].empty() ? int32_t(i) : -1;
-  return -1;
-}
-
-Vec3f TraceScene::displayColor(const Hit& hit) const {
-  const DicedMesh& mesh = *impl_->meshOf(hit).diced;
-  if (mesh.display_color.empty()) return {0.18f, 0.18f, 0.18f};
-  return Corners(mesh, hit.triangle).interpolate(mesh.display_color, hit.b1, hit.b2);
 }
 
 // Least squares, as barycentricChange().

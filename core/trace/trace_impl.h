@@ -1,10 +1,13 @@
 // What the files of core/trace share; not for other rooms.
 #pragma once
 
+#include <array>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "core/trace/embree_api.h"
+#include "core/trace/motion.h"
 #include "core/trace/packets.h"
 #include "core/trace/parameter_scale.h"
 #include "core/trace/trace_scene.h"
@@ -22,17 +25,26 @@ struct TracedPrototype {
   embree::Scene scene;  // null: no instance places it
   std::vector<TracedMesh> meshes;
   uint32_t primitives = 0;
+  bool in_motion = false;  // some instance of it moves
 };
 
-struct TracedInstance {
-  uint32_t prototype = 0;
-  int32_t material = -1;
-  bool traceable = true;     // else left out; see TraceScene::untraceable()
-  float largest_origin = 0;  // of rays, so that they stay in Embree's range in prototype space
+// Where an instance stands at one time.
+struct Placement {
   Affine3f to_world, to_prototype;
   // Rows of the matrix that bounds, per world axis and unit of |world coordinates| + |translation|, how far
   // Embree's transform of a ray into prototype space may err, seen in world space.
   Vec3f ray_error_x, ray_error_y, ray_error_z;
+};
+
+struct TracedInstance {
+  uint32_t prototype = 0;
+  int32_t material = -1, link_group = -1;  // as Instance's
+  bool traceable = true;                   // else left out; see TraceScene::untraceable()
+  float largest_origin = 0;                // of rays, so that they stay in Embree's range in prototype space
+  Placement still;
+  std::vector<Affine3f> keys;  // to_world at uniform times, and `still` is not to be looked at; empty: it is still
+
+  bool moves() const { return !keys.empty(); }
 };
 
 struct TraceScene::Impl {
@@ -42,7 +54,10 @@ struct TraceScene::Impl {
   const Scene& scene;
   const std::vector<DicedMesh>& diced;
   embree::Device device;
-  bool half_packets;  // see embree::Query
+  bool half_packets;            // see embree::Query
+  bool moves = false;           // rays have times
+  bool filtered = false;        // some geometry has a filter
+  std::vector<uint8_t> passes;  // per material: hits of shadow rays are recorded
   std::vector<TracedPrototype> prototypes;
   std::vector<TracedInstance> instances;
   embree::Scene top;
@@ -57,16 +72,25 @@ struct TraceScene::Impl {
   Vec2f parameterScale(uint32_t instance, uint32_t primitive) const {
     return scales ? scales->scale(instance, primitive) : Vec2f{1, 1};
   }
-  void buildPrototype(uint32_t index);
+  void addInstances();
+  void buildPrototype(uint32_t index, const std::vector<uint8_t>& may_pass);
   void buildTop();
+  // Per prototype and mesh in it: some shadow rays have to look at what they hit there.
+  std::vector<std::vector<uint8_t>> meshesThatMayPass() const;
 };
 
 // Bound on the relative error of n rounded operations in a row (Higham; PBR 4th ed., eq. 6.17).
 constexpr double roundingGamma(int n) { return n * 0x1p-24 / (1 - n * 0x1p-24); }
 
+inline Vec3f componentMax(Vec3f a, Vec3f b) { return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)}; }
+
 TracedInstance makeInstance(const Instance& instance);
 // Index into Scene::materials. primitive: of the mesh.
 int32_t resolveMaterial(const TracedInstance& instance, const TracedMesh& mesh, uint32_t primitive);
+int32_t materialOfTriangle(const TracedInstance& instance, const TracedMesh& mesh, uint32_t triangle);
+inline uint32_t resolveLinkGroup(const TracedInstance& instance, const TracedMesh& mesh) {
+  return instance.link_group >= 0 ? uint32_t(instance.link_group) : mesh.mesh->link_group;
+}
 
 // The vertices of a triangle.
 struct Corners {
@@ -82,6 +106,38 @@ struct Corners {
     const T v0 = values[i0];
     return v0 + ((values[i1] - v0) * b1 + (values[i2] - v0) * b2);
   }
+  // The vertices' values at a time; motion: at uniform times, empty: they stay.
+  std::array<Vec3f, 3> at(float time, const std::vector<Vec3f>& values,
+                          const std::vector<std::vector<Vec3f>>& motion) const {
+    if (motion.empty()) return {values[i0], values[i1], values[i2]};
+    const KeyTime key(time, motion.size());
+    const std::vector<Vec3f>&a = motion[key.first], &b = motion[key.first + 1];
+    return {key.between(a[i0], b[i0]), key.between(a[i1], b[i1]), key.between(a[i2], b[i2])};
+  }
+};
+
+// How far Embree's vertices of a deforming mesh may be from Corners::at(), prototype space.
+Vec3f vertexError(const DicedMesh& mesh, const Corners& corners, float time);
+
+// A triangle of an instance at a time, in prototype space, and where the instance stands.
+class PlacedTriangle {
+ public:
+  PlacedTriangle(const TracedInstance& instance, const DicedMesh& mesh, const Corners& corners, float time)
+      : moving_(instance.moves() ? std::optional(placementAt(instance, time)) : std::nullopt),
+        place_(moving_ ? *moving_ : instance.still) {
+    const std::array<Vec3f, 3> p = corners.at(time, mesh.positions, mesh.motion_positions);
+    p0 = p[0], edge1 = p[1] - p[0], edge2 = p[2] - p[0];
+  }
+  PlacedTriangle(const PlacedTriangle&) = delete;
+  PlacedTriangle& operator=(const PlacedTriangle&) = delete;
+
+  const Placement& place() const { return place_; }
+
+  Vec3f p0, edge1, edge2;
+
+ private:
+  std::optional<Placement> moving_;
+  const Placement& place_;
 };
 
 // A triangle in prototype space, scaled so that its longest edge component is 1: cross products and their

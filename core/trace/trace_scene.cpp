@@ -5,6 +5,7 @@
 
 #include <cstring>
 
+#include "core/trace/shadow_hits.h"
 #include "core/trace/trace_impl.h"
 
 namespace encore {
@@ -14,21 +15,58 @@ namespace {
 // A key keeps the side of a primitive in its lowest bit.
 constexpr uint64_t kMaxPrimitives = uint64_t{1} << 31;
 
-// Embree inverts transforms in float: determinants within float's range, and no inverse that would send
-// ordinary coordinates beyond what Embree takes. What is scaled by 1e-9 cannot be seen anyway.
-constexpr double kSmallestDeterminant = 1e-36, kLargestStretch = 1e9;
+void setVertices(embree::Device& device, RTCGeometry geometry, uint32_t step, const std::vector<Vec3f>& positions) {
+  void* vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, step, RTC_FORMAT_FLOAT3, sizeof(Vec3f),
+                                           positions.size());
+  device.check("vertex buffer");
+  std::memcpy(vertices, positions.data(), positions.size() * sizeof(Vec3f));
+}
 
 // A triangle geometry that shares the mesh's indices. Vertices are copied into a buffer of Embree's own,
 // because Embree reads 16 bytes at each and DicedMesh has no padding after its last 12.
-embree::Geometry makeTriangles(embree::Device& device, const DicedMesh& mesh) {
+embree::Geometry makeTriangles(embree::Device& device, const DicedMesh& mesh, bool may_pass) {
   embree::Geometry geometry = device.newGeometry(RTC_GEOMETRY_TYPE_TRIANGLE);
   device.check("geometry");
-  void* vertices = rtcSetNewGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, sizeof(Vec3f),
-                                           mesh.positions.size());
-  device.check("vertex buffer");
-  std::memcpy(vertices, mesh.positions.data(), mesh.positions.size() * sizeof(Vec3f));
+  if (mesh.motion_positions.empty()) {
+    setVertices(device, geometry.get(), 0, mesh.positions);
+  } else {
+    rtcSetGeometryTimeStepCount(geometry.get(), uint32_t(mesh.motion_positions.size()));
+    device.check("times of a mesh");
+    for (uint32_t step = 0; step < mesh.motion_positions.size(); ++step)
+      setVertices(device, geometry.get(), step, mesh.motion_positions[step]);
+  }
   rtcSetSharedGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, mesh.triangles.data(), 0,
                              3 * sizeof(uint32_t), mesh.triangleCount());
+  if (may_pass) rtcSetGeometryOccludedFilterFunction(geometry.get(), filterShadowHits);
+  rtcCommitGeometry(geometry.get());
+  return geometry;
+}
+
+// Embree takes the bounds of a moving instance at its keys and goes straight between them, which is wrong for
+// vertices that move as well: their paths in the world are curves. Two triangles without area, which nothing can
+// hit, keep the prototype's bounds at all times where they are over the whole shutter; straight is then right.
+embree::Geometry makeBounds(embree::Device& device, const std::vector<TracedMesh>& meshes) {
+  Vec3f low, high;
+  bool any = false;
+  const auto extend = [&](const std::vector<Vec3f>& positions) {
+    for (const Vec3f& p : positions) {
+      low = any ? -componentMax(-low, -p) : p, high = any ? componentMax(high, p) : p;
+      any = true;
+    }
+  };
+  for (const TracedMesh& mesh : meshes) {
+    extend(mesh.diced->positions);
+    for (const std::vector<Vec3f>& key : mesh.diced->motion_positions) extend(key);
+  }
+  const Vec3f rounding = componentMax(absolute(low), absolute(high)) * 0x1p-20f;  // of vertices between keys
+  embree::Geometry geometry = device.newGeometry(RTC_GEOMETRY_TYPE_TRIANGLE);
+  device.check("geometry");
+  setVertices(device, geometry.get(), 0, {low - rounding, high + rounding, {}});  // the last one is padding
+  void* indices =
+      rtcSetNewGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(uint32_t), 2);
+  device.check("index buffer");
+  constexpr uint32_t kCorners[6] = {0, 0, 0, 1, 1, 1};
+  std::memcpy(indices, kCorners, sizeof(kCorners));
   rtcCommitGeometry(geometry.get());
   return geometry;
 }
@@ -36,20 +74,24 @@ embree::Geometry makeTriangles(embree::Device& device, const DicedMesh& mesh) {
 embree::Geometry makeInstanceGeometry(embree::Device& device, const TracedInstance& instance, RTCScene prototype) {
   embree::Geometry geometry = device.newGeometry(RTC_GEOMETRY_TYPE_INSTANCE);
   device.check("instance");
-  const Affine3f& m = instance.to_world;
-  const float columns[12] = {m.ex.x, m.ex.y, m.ex.z, m.ey.x,     m.ey.y,     m.ey.z,
-                             m.ez.x, m.ez.y, m.ez.z, m.origin.x, m.origin.y, m.origin.z};
   rtcSetGeometryInstancedScene(geometry.get(), prototype);
-  rtcSetGeometryTransform(geometry.get(), 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns);
+  const auto set = [&](uint32_t step, const Affine3f& m) {
+    const float columns[12] = {m.ex.x, m.ex.y, m.ex.z, m.ey.x,     m.ey.y,     m.ey.z,
+                               m.ez.x, m.ez.y, m.ez.z, m.origin.x, m.origin.y, m.origin.z};
+    rtcSetGeometryTransform(geometry.get(), step, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns);
+  };
+  if (instance.moves()) {
+    rtcSetGeometryTimeStepCount(geometry.get(), uint32_t(instance.keys.size()));
+    device.check("times of an instance");
+    for (uint32_t step = 0; step < instance.keys.size(); ++step) set(step, instance.keys[step]);
+  } else {
+    set(0, instance.still.to_world);
+  }
   rtcCommitGeometry(geometry.get());
   return geometry;
 }
 
-// |a| × |b| without cancellation: what rounding errors of a cross product are relative to.
-Vec3d absoluteCross(Vec3d a, Vec3d b) {
-  a = absolute(a), b = absolute(b);
-  return {a.y * b.z + a.z * b.y, a.z * b.x + a.x * b.z, a.x * b.y + a.y * b.x};
-}
+bool deforms(const TracedMesh& mesh) { return !mesh.diced->motion_positions.empty(); }
 
 template <class T>
 uint64_t bytesOf(const std::vector<T>& v) {
@@ -60,46 +102,25 @@ uint64_t bytesOf(const DicedMesh& mesh) {
   uint64_t bytes = bytesOf(mesh.positions) + bytesOf(mesh.normals) + bytesOf(mesh.uv) + bytesOf(mesh.display_color) +
                    bytesOf(mesh.triangles) + bytesOf(mesh.triangle_primitive) + bytesOf(mesh.primitive_face);
   for (const auto& st : mesh.texcoords) bytes += bytesOf(st);
+  for (const auto& values : mesh.primvars) bytes += bytesOf(values);
+  for (const auto& key : mesh.motion_positions) bytes += bytesOf(key);
+  for (const auto& key : mesh.motion_normals) bytes += bytesOf(key);
   return bytes;
 }
 
 }  // namespace
 
-// Embree computes the inverse as adjugate / determinant, and transforms origins with it, all in float.
-// To first order a point p comes out wrong by at most A (|p| + |translation|) in prototype space, where
-//   A = |inverse| (γ(6) + γ(8) det⁺/|det|) + γ(4) adj⁺/|det|   (⁺: sums of absolute products),
-// hence by |to_world| A (...) in world space.
-TracedInstance makeInstance(const Instance& instance) {
-  TracedInstance traced;
-  traced.prototype = instance.prototype;
-  traced.material = instance.material;
-  traced.to_world = toFloat(instance.to_world);
-  const Affine3f& f = traced.to_world;
-  const Affine3d m{toDouble(f.ex), toDouble(f.ey), toDouble(f.ez), toDouble(f.origin)};  // what Embree is given
-  const double det = std::abs(m.determinant());
-  const Affine3d w = inverse(m);
-  const double stretch =
-      std::max({maxComponent(absolute(w.ex)), maxComponent(absolute(w.ey)), maxComponent(absolute(w.ez))});
-  traced.traceable = det > kSmallestDeterminant && det < 1 / kSmallestDeterminant && stretch < kLargestStretch;
-  if (!traced.traceable) return traced;
-  traced.to_prototype = toFloat(w);
-  traced.largest_origin = embree::kLargestCoordinate / float(3 * std::max(1.0, stretch));
-
-  // Row i of the inverse is a cross product of two columns, over the determinant.
-  const Vec3d adjugate[3] = {absoluteCross(m.ey, m.ez), absoluteCross(m.ez, m.ex), absoluteCross(m.ex, m.ey)};
-  const Vec3d rows[3] = {{w.ex.x, w.ey.x, w.ez.x}, {w.ex.y, w.ey.y, w.ez.y}, {w.ex.z, w.ey.z, w.ez.z}};
-  const double det_ratio = dot(absolute(m.ex), adjugate[0]) / det;
-  Vec3d a[3];
-  for (int i = 0; i < 3; ++i)
-    a[i] =
-        absolute(rows[i]) * (roundingGamma(6) + roundingGamma(8) * det_ratio) + adjugate[i] * (roundingGamma(4) / det);
-  Vec3f* const out[3] = {&traced.ray_error_x, &traced.ray_error_y, &traced.ray_error_z};
-  for (int i = 0; i < 3; ++i)
-    *out[i] = toFloat(a[0] * std::abs(m.ex[i]) + a[1] * std::abs(m.ey[i]) + a[2] * std::abs(m.ez[i]));
-  return traced;
+void TraceScene::Impl::addInstances() {
+  prototypes.resize(scene.prototypes.size());
+  for (const Instance& instance : scene.instances) {
+    instances.push_back(makeInstance(instance));
+    if (instances.back().moves()) prototypes[instance.prototype].in_motion = moves = true;
+  }
+  const auto keyed = [](const DicedMesh& mesh) { return !mesh.motion_positions.empty(); };
+  moves |= !scene.camera.motion.empty() || std::any_of(diced.begin(), diced.end(), keyed);
 }
 
-void TraceScene::Impl::buildPrototype(uint32_t index) {
+void TraceScene::Impl::buildPrototype(uint32_t index, const std::vector<uint8_t>& may_pass) {
   const Prototype& source = scene.prototypes[index];
   TracedPrototype& prototype = prototypes[index];
   uint64_t primitives = 0;
@@ -116,8 +137,12 @@ void TraceScene::Impl::buildPrototype(uint32_t index) {
   for (uint32_t slot = 0; slot < prototype.meshes.size(); ++slot) {
     const DicedMesh& mesh = *prototype.meshes[slot].diced;
     if (mesh.triangleCount() == 0) continue;
-    const embree::Geometry geometry = makeTriangles(device, mesh);
+    const embree::Geometry geometry = makeTriangles(device, mesh, may_pass[slot] != 0);
     rtcAttachGeometryByID(prototype.scene.get(), geometry.get(), slot);
+  }
+  if (prototype.in_motion && std::any_of(prototype.meshes.begin(), prototype.meshes.end(), deforms)) {
+    const embree::Geometry geometry = makeBounds(device, prototype.meshes);
+    rtcAttachGeometryByID(prototype.scene.get(), geometry.get(), uint32_t(prototype.meshes.size()));
   }
   rtcCommitScene(prototype.scene.get());
   device.check(source.path);
@@ -141,19 +166,22 @@ void TraceScene::Impl::buildTop() {
   diagonal = size.x >= 0 && isFinite(size) ? length(size) : 0;  // an empty scene has inverted bounds
 }
 
-TraceScene::TraceScene(const Scene& scene, const std::vector<DicedMesh>& diced, bool world_space_parameters)
+TraceScene::TraceScene(const Scene& scene, const std::vector<DicedMesh>& diced, bool world_space_parameters,
+                       std::span<const uint8_t> passes)
     : impl_(std::make_unique<Impl>(scene, diced)) {
   const FlushDenormals flush;
+  impl_->passes.assign(passes.begin(), passes.end());
+  impl_->addInstances();
+  const std::vector<std::vector<uint8_t>> may_pass = impl_->meshesThatMayPass();
+  for (const std::vector<uint8_t>& meshes : may_pass)
+    impl_->filtered |= std::any_of(meshes.begin(), meshes.end(), [](uint8_t may) { return may != 0; });
+  if (impl_->filtered) impl_->device.requireFilters();
   std::vector<uint8_t> placed(scene.prototypes.size(), 0);
-  for (const Instance& instance : scene.instances) {
-    impl_->instances.push_back(makeInstance(instance));
-    placed[instance.prototype] = 1;
-  }
-  impl_->prototypes.resize(scene.prototypes.size());
+  for (const Instance& instance : scene.instances) placed[instance.prototype] = 1;
   tbb::parallel_for(size_t{0}, scene.prototypes.size(), [&](size_t i) {
     const FlushDenormals flush_worker;
     // Isolated: a thread that waits for its build must not start another one on top of it.
-    if (placed[i]) tbb::this_task_arena::isolate([&] { impl_->buildPrototype(uint32_t(i)); });
+    if (placed[i]) tbb::this_task_arena::isolate([&] { impl_->buildPrototype(uint32_t(i), may_pass[i]); });
   });
   impl_->buildTop();
   if (world_space_parameters) impl_->scales = std::make_unique<ParameterScales>(scene, diced);
@@ -184,6 +212,7 @@ uint64_t TraceScene::micropolygonCount() const {
 
 uint64_t TraceScene::memoryBytes() const {
   uint64_t bytes = impl_->device.bytes() + bytesOf(impl_->instances);
+  for (const TracedInstance& instance : impl_->instances) bytes += bytesOf(instance.keys);
   for (const DicedMesh& mesh : impl_->diced) bytes += bytesOf(mesh);
   if (impl_->scales) bytes += impl_->scales->bytes();
   return bytes;

@@ -1,4 +1,5 @@
-// Triangles in world space: what all hits on one triangle of one instance share, computed once.
+// Triangles in world space: what all hits on one triangle of one instance share, at one time if it moves, computed
+// once.
 #pragma once
 
 #include <vector>
@@ -8,6 +9,7 @@
 namespace encore {
 
 struct TracedInstance;
+struct Placement;
 struct DicedMesh;
 
 class TracedTriangle {
@@ -17,7 +19,8 @@ class TracedTriangle {
   TracedTriangle(const TraceScene& trace, const Hit& hit);
 
   bool holds(const Hit& hit) const {
-    return triangle_ == hit.triangle && mesh_ == hit.mesh && instance_index_ == hit.instance;
+    return triangle_ == hit.triangle && mesh_ == hit.mesh && instance_index_ == hit.instance &&
+           (!moves_ || time_ == hit.time);
   }
   int32_t material() const { return material_; }
   // As TraceScene's, for hits on this triangle.
@@ -30,7 +33,9 @@ class TracedTriangle {
   }
 
  private:
-  void fillPlaneError();
+  Vec3f positionErrorAt(const Placement& place, const Hit& hit, const SurfacePoint& point) const;
+  Vec3f movingPositionError(const Hit& hit, const SurfacePoint& point);
+  void fillPlaneError(const Placement& place);
   void fillGradients();
 
   uint32_t instance_index_ = kNoInstance, mesh_ = 0, triangle_ = 0;
@@ -38,9 +43,13 @@ class TracedTriangle {
   int32_t material_ = 0;
   bool degenerate_ = false;  // ng depends on the ray
   bool smooth_ = false;
+  bool moves_ = false;  // all below is that of time_
+  bool thin_ = false;
+  float time_ = 0;
   bool has_plane_error_ = false, has_gradients_ = false;  // filled when first asked for
   const TracedInstance* instance_ = nullptr;
-  Vec3f p0_, edge1_, edge2_;  // of the prototype
+  const DicedMesh* deforming_ = nullptr;  // null: its shape stays
+  Vec3f p0_, edge1_, edge2_;              // of the prototype
   Vec3f e1_, e2_, ng_;
   Vec3f n_, dn1_, dn2_;  // not of unit length; only where smooth
   Vec2f uv_, duv1_, duv2_, scale_;

@@ -10,7 +10,7 @@ _Floats = npt.NDArray[np.float32]
 _Doubles = npt.NDArray[np.float64]
 _Ints = npt.NDArray[np.int32]
 _Primvar = tuple[str, _Floats, _Ints | None]
-_Texcoord = tuple[str, str, _Floats, _Ints | None]
+_NamedPrimvar = tuple[str, str, _Floats, _Ints | None]
 _Triple = tuple[float, float, float]
 
 class Error(Exception):
@@ -41,11 +41,16 @@ class Scene:
         crease_sharpnesses: _Floats | None = None,
         normals: _Primvar | None = None,
         display_color: _Primvar | None = None,
-        texcoords: Sequence[_Texcoord] = (),
+        texcoords: Sequence[_NamedPrimvar] = (),
         face_materials: _Ints | None = None,
         material: int = 0,
         target_edge_length_world: float = 0.0,
         shading_rate: _Triple = ...,
+        primvars: Sequence[_NamedPrimvar] = (),
+        thin_walled: bool = False,
+        link_group: int = 0,
+        motion_points: _Floats | None = None,
+        motion_normals: _Floats | None = None,
     ) -> int: ...
     def add_prototype(self, path: str, meshes: Sequence[int]) -> int: ...
     def add_instance(
@@ -55,6 +60,8 @@ class Scene:
         matrix: _Doubles,
         material: int = -1,
         shading_rate: _Triple = ...,
+        motion: _Doubles | None = None,
+        link_group: int = -1,
     ) -> int: ...
     def add_instances(
         self,
@@ -64,8 +71,13 @@ class Scene:
         ids: npt.NDArray[np.int64] | None = None,
         material: int = -1,
         shading_rates: _Floats | None = None,
+        motions: _Doubles | None = None,
+        link_group: int = -1,
     ) -> int: ...
     def add_texture(self, path: str, pixels: _Floats) -> int: ...
+    def add_texture_source(
+        self, path: str, width: int, height: int, read: Callable[[], npt.NDArray[np.float16]]
+    ) -> int: ...
     def add_material(
         self,
         path: str,
@@ -73,30 +85,25 @@ class Scene:
         nodes: Sequence[Mapping[str, Any]] = ...,
         use_specular_workflow: bool = False,
         opacity_threshold: float = 0.0,
+        *,
+        opacity_mode: str = "transparent",
+        dielectric_priority: int = 0,
+        surface_shader: dict[str, Any] | None = None,
+        displacement_shader: dict[str, Any] | None = None,
     ) -> int: ...
     def add_light(
         self,
         kind: str,
         path: str,
         radiance: _Triple,
-        *,
-        diffuse: float = 1.0,
-        specular: float = 1.0,
-        direction: _Triple = ...,
-        angle_radians: float = 0.0,
-        centre: _Triple = ...,
-        half_u: _Triple = ...,
-        half_v: _Triple = ...,
-        radius: float = 0.5,
+        **fields: Any,
     ) -> int: ...
     def set_camera(
         self,
         path: str,
         matrix: _Doubles,
         half_tangent: tuple[float, float],
-        centre_tangent: tuple[float, float] = ...,
-        near_clip: float = 0.0,
-        far_clip: float = 1e30,
+        **fields: Any,
     ) -> None: ...
     @property
     def mesh_count(self) -> int: ...

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import traceback
 from collections.abc import Sequence
@@ -143,6 +144,21 @@ def _add_stage_flags(parser: argparse.ArgumentParser) -> None:
         "one that frames the whole stage)",
     )
     group.add_argument(
+        "--disableMotionBlur", action="store_true", help="everything stands still, as at the frame's time"
+    )
+    group.add_argument(
+        "--disableDepthOfField",
+        action="store_true",
+        help="everything is in focus, whatever the camera's fStop",
+    )
+    for flag, what in (("--shutterOpen", "opens"), ("--shutterClose", "closes")):
+        group.add_argument(
+            flag,
+            metavar="FRAMES",
+            help=f"when the shutter {what}, in frames from the frame's time (default: the camera's "
+            f"{flag[2:9]}:{flag[9:].lower()})",
+        )
+    group.add_argument(
         "--disableCameraLight",
         action="store_false",
         dest="camera_light",
@@ -197,9 +213,8 @@ def _add_settings(parser: argparse.ArgumentParser, names: Sequence[str]) -> None
 def _add_setting(group: argparse._ArgumentGroup, setting: Setting) -> None:
     text = setting.doc.replace("`", "").replace("%", "%%")
     if setting.kind == "bool":
-        group.add_argument(
-            *setting.flags, action="store_true", default=None, dest=setting.destination, help=text
-        )
+        action = "store_false" if setting.default else "store_true"
+        group.add_argument(*setting.flags, action=action, default=None, dest=setting.destination, help=text)
         return
     facts = [f"{setting.range_text}".replace("`", "")]
     if setting.unit:
@@ -208,7 +223,7 @@ def _add_setting(group: argparse._ArgumentGroup, setting: Setting) -> None:
         *setting.flags,
         dest=setting.destination,
         metavar=setting.metavar,
-        help=f"{text} ({'; '.join(facts)}; default: {setting.default_text})",
+        help=f"{text} ({'; '.join(facts)}; default: {setting.default_text.replace('`', '')})",
     )
 
 
@@ -284,6 +299,17 @@ def given_settings(options: argparse.Namespace) -> dict[str, Any]:
     return given
 
 
+def _frames(text: str | None, flag: str) -> float | None:
+    """A time in frames. Throws UsageError for what is no finite number."""
+    try:
+        value = None if text is None else float(text)
+    except ValueError:
+        value = math.nan
+    if value is not None and not math.isfinite(value):
+        raise UsageError(f"'{text}' is not a number of frames", flag)
+    return value
+
+
 def _split_list(text: str) -> tuple[str, ...]:
     return tuple(text.replace(",", " ").split())
 
@@ -304,6 +330,10 @@ def _record_options(options: argparse.Namespace, output: str) -> Any:
         frames=options.frames,
         default_time=options.defaultTime,
         camera_light=options.camera_light,
+        motion_blur=not options.disableMotionBlur,
+        depth_of_field=not options.disableDepthOfField,
+        shutter_open=_frames(options.shutterOpen, "--shutterOpen"),
+        shutter_close=_frames(options.shutterClose, "--shutterClose"),
         complexity=options.complexity,
         strict=options.strict,
         color=color.ColorOptions(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,13 +18,16 @@ def dump(translation: Translation) -> str:
     """Every part of the scene, in the scene's order, by path where it has one. Numbers have six digits."""
     scene = translation.scene
     lines = [f"image {translation.width} x {translation.height}"]
-    lines += _section("camera", scene.camera)
+    opens, closes = translation.shutter
+    if closes > opens:
+        lines.append(f"shutter {_number(opens)} to {_number(closes)}")
+    lines += _camera(scene.camera)
     materials = [scene.material(i) for i in range(scene.material_count)]
     names = [m["path"] for m in materials]
     for i in range(scene.light_count):
-        lines += _section("light", scene.light(i))
+        lines += _light(scene.light(i), scene)
     for i in range(scene.texture_count):
-        lines += _section("texture", scene.texture(i))
+        lines += _texture(scene.texture(i))
     for material in materials:
         lines += _material(material, scene)
     for i in range(scene.mesh_count):
@@ -42,26 +45,87 @@ def dump(translation: Translation) -> str:
         ]
         if instance["material"] >= 0:
             lines.append(f"  material: {names[instance['material']]}")
+        if len(instance["motion"]):
+            lines.append(f"  motion: {_array(_stacked(instance['motion'])[..., :3])}")
+        if instance["link_group"] >= 0:
+            lines.append(f"  link_group: {instance['link_group']}")
         if any(instance["shading_rate"]):
             lines.append(f"  shading_rate: {_text(instance['shading_rate'])}")
     lines += [f"report {line}" for line in translation.reports.lines()]
     return "\n".join(lines) + "\n"
 
 
-def _section(kind: str, values: Mapping[str, Any]) -> list[str]:
-    lines = [f"{kind} {values['path']}"]
-    return lines + [f"  {name}: {_text(value)}" for name, value in values.items() if name != "path"]
+# What is printed of a light of each kind, besides what all have and what differs from the schema's fallbacks.
+_SHAPES = {
+    "distant": ("direction", "angle_radians"),
+    "rect": ("centre", "half_u", "half_v"),
+    "disk": ("centre", "half_u", "half_v"),
+    "sphere": ("centre", "radius"),
+    "cylinder": ("centre", "half_u", "radius"),
+    "dome": ("axis_x", "axis_y", "axis_z"),
+    "mesh": (),
+}
+_SHAPING = ("shaping_axis", "focus", "focus_tint", "cone_angle_radians", "cone_softness")
+_SHADOW = {
+    "shadow_enable": True,
+    "shadow_color": (0.0, 0.0, 0.0),
+    "shadow_distance": -1.0,
+    "shadow_falloff": -1.0,
+    "shadow_falloff_gamma": 1.0,
+}
+_LENS = ("lens_radius", "focus_distance", "aperture_blades", "aperture_rotation_radians")
+
+
+def _camera(camera: Mapping[str, Any]) -> list[str]:
+    names = ["projection", "to_world", "motion", "half_tangent", "centre_tangent", "near_clip", "far_clip"]
+    names += ["clipping_planes", *(_LENS if camera["lens_radius"] > 0 else ()), "exposure_scale"]
+    shown = {name: _stacked(camera[name]) for name in names}
+    lines = [f"  {name}: {_text(value)}" for name, value in shown.items() if np.size(value)]
+    return [f"camera {camera['path']}", *lines]
+
+
+def _stacked(value: Any) -> Any:
+    """Lists (keys of motion, planes) as one array."""
+    return np.array(value) if isinstance(value, list) else value
+
+
+def _light(light: Mapping[str, Any], scene: Any) -> list[str]:
+    lines = [f"light {light['path']}"]
+    names = ["kind", "radiance", "diffuse", "specular", *_SHAPES[light["kind"]]]
+    names += [name for name in ("samples", "lit_groups", "shadow_groups") if light[name]]
+    names += _SHAPING if light["shaped"] else ()
+    names += [name for name, neutral in _SHADOW.items() if light[name] != neutral]
+    lines += [f"  {name}: {_text(light[name])}" for name in names]
+    if light["texture"] >= 0:
+        form = f" {light['format']}" if light["kind"] == "dome" else ""
+        lines.append(f"  texture: {scene.texture(light['texture'])['path']}{form}")
+    if light["instance"] >= 0:
+        lines.append(f"  instance: {scene.instance(light['instance'])['path']}")
+    return lines
+
+
+def _texture(texture: Mapping[str, Any]) -> list[str]:
+    lines = [f"texture {texture['path']}", f"  size: {texture['width']} x {texture['height']}"]
+    pixels = texture["pixels"]
+    return lines if pixels is None else [*lines, f"  pixels: {_text(pixels)}"]
+
+
+# Of meshes: what has lines of its own, and what is only said where it is not so.
+_APART = ("path", "material", "face_materials", "texcoords", "primvars", "normals", "display_color")
+_MESH_NEUTRAL = {"thin_walled": False, "link_group": 0}
+# Of materials: what is only said where it does something.
+_INPUT_NEUTRAL = {"normal": (0.0, 0.0, 1.0), "displacement": 0.0}
 
 
 def _mesh(mesh: Mapping[str, Any], materials: list[str]) -> list[str]:
     lines = [f"mesh {mesh['path']}"]
-    for name, value in mesh.items():
-        if name in ("path", "material", "face_materials", "texcoords", "normals", "display_color"):
-            continue
+    for name, value in ((n, _stacked(v)) for n, v in mesh.items() if n not in _APART):
         if isinstance(value, np.ndarray) and value.size == 0:
             continue
+        if name in _MESH_NEUTRAL and value == _MESH_NEUTRAL[name]:
+            continue
         lines.append(f"  {name}: {_text(value)}")
-    for primvar in (mesh["normals"], mesh["display_color"], *mesh["texcoords"]):
+    for primvar in (mesh["normals"], mesh["display_color"], *mesh["texcoords"], *mesh["primvars"]):
         if primvar:
             indices = f" indices {_array(primvar['indices'])}" if primvar["indices"].size else ""
             lines.append(
@@ -78,19 +142,52 @@ def _mesh(mesh: Mapping[str, Any], materials: list[str]) -> list[str]:
 def _material(material: Mapping[str, Any], scene: Any) -> list[str]:
     lines = [f"material {material['path']}"]
     for name, source in material["inputs"].items():
-        text = _text(source["value"])
-        if source["node"] >= 0:
-            text = f"node {material['nodes'][source['node']]['path']} channel {source['channel']}"
-        lines.append(f"  {name}: {text}")
+        if source["node"] < 0 and source["value"] == _INPUT_NEUTRAL.get(name):
+            continue
+        lines.append(f"  {name}: {_source(source, material['nodes'])}")
     for name in ("use_specular_workflow", "opacity_threshold"):
         lines.append(f"  {name}: {_text(material[name])}")
+    for name, neutral in (("opacity_mode", "transparent"), ("dielectric_priority", 0)):
+        if material[name] != neutral:
+            lines.append(f"  {name}: {_text(material[name])}")
+    for name in ("surface_shader", "displacement_shader"):
+        if material[name]:
+            lines += _shader(name, material[name], material["nodes"])
     for node in material["nodes"]:
         lines.append(f"  node {node['path']} {node['kind']}")
-        if node["kind"] == "texture":
-            texture = scene.texture(node["texture"])["path"] if node["texture"] >= 0 else "none"
-            values = {**node, "texture": texture}
-            lines += [f"    {k}: {_text(v)}" for k, v in values.items() if k not in ("kind", "path")]
+        lines += [f"    {name}: {text}" for name, text in _node(node, scene).items()]
     return lines
+
+
+def _source(source: Mapping[str, Any], nodes: Sequence[Mapping[str, Any]]) -> str:
+    """An input: its constant, or the node that it comes from."""
+    if source["node"] < 0:
+        return _text(source["value"])
+    return f"node {nodes[source['node']]['path']} channel {source['channel']}"
+
+
+def _shader(name: str, shader: Mapping[str, Any], nodes: Sequence[Mapping[str, Any]]) -> list[str]:
+    checksum = zlib.crc32(shader["source"].encode())
+    lines = [f"  {name} {shader['path']}", f"    source: {shader['file']} crc {checksum:08x}"]
+    return lines + [
+        f"    {p['type']} {p['name']}: {_source(p['input'], nodes)}" for p in shader["parameters"]
+    ]
+
+
+def _node(node: Mapping[str, Any], scene: Any) -> dict[str, str]:
+    def path(texture: int) -> str:
+        return scene.texture(texture)["path"] if texture >= 0 else "none"
+
+    if node["kind"] == "primvar":
+        return {name: _text(node[name]) for name in ("primvar", "fallback")}
+    if node["kind"] != "texture":
+        return {}
+    left_out = {"kind", "path", "primvar", "udim", "texture"}
+    shown = {name: _text(value) for name, value in node.items() if name not in left_out}
+    if node["udim"]:
+        tiles = (f"{1001 + i} {path(t)}" for i, t in enumerate(node["udim"]) if t >= 0)
+        return {"udim": ", ".join(tiles), **shown}
+    return {"texture": path(node["texture"]), **shown}
 
 
 def _text(value: Any) -> str:
@@ -113,7 +210,7 @@ def _array(array: npt.NDArray[Any]) -> str:
 
 
 def _numbers(values: Iterable[Any]) -> str:
-    return "(" + ", ".join(_number(v) if isinstance(v, float) else str(v) for v in values) + ")"
+    return "(" + ", ".join(_text(v) for v in values) + ")"
 
 
 def _number(value: float) -> str:

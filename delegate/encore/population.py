@@ -20,26 +20,33 @@ from encore.adapters import implicit, light
 from encore.adapters.context import Matrix, SyncContext, to_matrix
 from encore.adapters.instancer import Matrices, PrototypeScanner, read_point_instancer
 from encore.adapters.material import bound_materials
-from encore.adapters.primvars import inherited_signature
+from encore.adapters.matrix_motion import MatrixKeys, Moving, compose, inherit
+from encore.adapters.primvars import inherited_signature, read_by_materials
 from encore.adapters.shading_rate import RateArray, is_rate, read_native_rates
 
 
 @dataclass(frozen=True)
 class Rprim:
-    """A mesh, or an implicit shape. matrix: to its group's space. inherited: primvars of its ancestors."""
+    """A mesh, or an implicit shape. matrix: to its group's space. inherited: primvars of its ancestors.
+
+    moving: how it moves in its group. light: the prim (itself, or a GeometryLight) by which it emits.
+    """
 
     prim: Usd.Prim
     matrix: Matrix
     inherited: list[UsdGeom.Primvar]
     subsets: list[UsdGeom.Subset]
+    moving: Moving | None = None
+    light: Usd.Prim | None = None
 
 
 @dataclass(frozen=True)
 class LightPrim:
-    """A light of a supported type. matrix: to its group's space."""
+    """A light of a supported type. matrix: to its group's space. moves: with time, in its group."""
 
     prim: Usd.Prim
     matrix: Matrix
+    moves: bool = False
 
 
 @dataclass(frozen=True)
@@ -47,7 +54,8 @@ class Placement:
     """Where a group is placed in its parent group. ids: of the instances of a PointInstancer.
 
     bound: the prim whose material all of the group inherits, where that differs between placements.
-    rates: shading rates per matrix, which win over all rates inside where above 0.
+    rates: shading rates per matrix, which win over all rates inside where above 0. motion: (n, k, 4, 4),
+    where any of the n matrices moves.
     """
 
     group: Group
@@ -56,6 +64,7 @@ class Placement:
     ids: npt.NDArray[np.int64] | None = None
     bound: Usd.Prim | None = None
     rates: RateArray | None = None
+    motion: MatrixKeys | None = None
 
 
 @dataclass
@@ -74,6 +83,7 @@ class _Kind(enum.Enum):
     RPRIM = enum.auto()
     INSTANCER = enum.auto()
     LIGHT = enum.auto()
+    GEOMETRY_LIGHT = enum.auto()
     UNSUPPORTED = enum.auto()
     UNSUPPORTED_LIGHT = enum.auto()
     SKIP = enum.auto()  # neither it nor its descendants are rendered
@@ -89,6 +99,7 @@ class _State:
 
     collections: True where a prim above binds materials to collections.
     rates_root: the instance that the group's shading rates are left to, and those of prims above it with it.
+    moving: its motion in the group's space.
     """
 
     matrix: Gf.Matrix4d
@@ -98,6 +109,7 @@ class _State:
     collections: bool = False
     is_own: bool = False
     rates_root: Sdf.Path | None = None
+    moving: Moving | None = None
 
 
 _DRAW_MODES = ("origin", "bounds", "cards")
@@ -124,6 +136,8 @@ class Population:
         self._split: dict[
             int, tuple[list[UsdGeom.Primvar], list[UsdGeom.Primvar], list[UsdGeom.Primvar]]
         ] = {}
+        self._geometry_lights: dict[Sdf.Path, Usd.Prim] = {}  # by what emits
+        self._read_primvars: frozenset[str] | None = None  # by any material; None: not looked for yet
         self.groups: list[Group] = []
         self.depth = 0  # of the deepest prim below the root
 
@@ -133,6 +147,7 @@ class Population:
         self.groups.append(root)
         prims = self._context.stage.GetPseudoRoot().GetFilteredChildren(_DEFINED)
         self._walk(root, prims, _State(Gf.Matrix4d(1)), _DEFINED)
+        self._assign_geometry_lights()
         return root
 
     def world_matrix(self, prim: Usd.Prim) -> Matrix:
@@ -153,11 +168,13 @@ class Population:
         if kind is _Kind.SKIP or self._is_invisible(prim):
             return None
         self.depth = max(self.depth, prim.GetPath().pathElementCount)
-        matrix = inherited.matrix
+        matrix, moving = inherited.matrix, inherited.moving
         if not inherited.is_own:
             local, resets = self._xforms.GetLocalTransformation(prim)
+            if self._context.shutter is not None:
+                moving = inherit(prim, local, resets, matrix, moving, self._context)
             matrix = local if resets else local * matrix
-        state = self._inherit(prim, matrix, inherited)
+        state = self._inherit(prim, matrix, moving, inherited)
         if kind is not _Kind.CONTAINER:
             self._add(kind, group, prim, state)
         if kind is _Kind.INSTANCER:
@@ -178,7 +195,9 @@ class Population:
         visibility = prim.GetAttribute("visibility")
         return bool(visibility) and visibility.Get(self._context.time) == UsdGeom.Tokens.invisible
 
-    def _inherit(self, prim: Usd.Prim, matrix: Gf.Matrix4d, inherited: _State) -> _State:
+    def _inherit(
+        self, prim: Usd.Prim, matrix: Gf.Matrix4d, moving: Moving | None, inherited: _State
+    ) -> _State:
         purpose, primvars = inherited.purpose, inherited.primvars
         imageable = UsdGeom.Imageable(prim)
         if imageable:
@@ -189,12 +208,17 @@ class Population:
         if prim.HasAPI(UsdShade.MaterialBindingAPI):
             bindings = _merge_bindings(prim, bindings)
             collections = collections or _has_collection_binding(prim)
-        return _State(matrix, purpose, primvars, bindings, collections, rates_root=inherited.rates_root)
+        return _State(
+            matrix, purpose, primvars, bindings, collections, rates_root=inherited.rates_root, moving=moving
+        )
 
     def _add(self, kind: _Kind, group: Group, prim: Usd.Prim, state: _State) -> None:
         path, reports = prim.GetPath(), self._context.reports
         if kind is _Kind.LIGHT:
-            group.lights.append(LightPrim(prim, to_matrix(state.matrix)))
+            group.lights.append(LightPrim(prim, to_matrix(state.matrix), state.moving is not None))
+            return
+        if kind is _Kind.GEOMETRY_LIGHT:
+            self._add_geometry_light(prim)
             return
         if kind is _Kind.UNSUPPORTED_LIGHT:
             name = prim.GetTypeName()
@@ -209,12 +233,36 @@ class Population:
             name = prim.GetTypeName()
             reports.add(f"unsupported {name}", f"{name} is not supported yet, and is not rendered", path)
             return
-        if prim.HasAPI(UsdLux.MeshLightAPI):
-            reports.add(
-                "unsupported MeshLightAPI", "MeshLightAPI is not supported yet: it does not emit", path
-            )
+        emits = prim if prim.HasAPI(UsdLux.LightAPI) else None
         subsets = [UsdGeom.Subset(c) for c in prim.GetAllChildren() if c.IsA(UsdGeom.Subset)]
-        group.rprims.append(Rprim(prim, to_matrix(state.matrix), state.primvars, subsets))
+        group.rprims.append(
+            Rprim(prim, to_matrix(state.matrix), state.primvars, subsets, state.moving, emits)
+        )
+
+    def _add_geometry_light(self, prim: Usd.Prim) -> None:
+        relationship = UsdLux.GeometryLight(prim).GetGeometryRel()
+        targets = relationship.GetForwardedTargets() if relationship else []
+        if not targets:
+            self._context.reports.error("bad light", "names no geometry, and does not emit", prim.GetPath())
+        for target in targets:
+            self._geometry_lights[target] = prim
+
+    def _assign_geometry_lights(self) -> None:
+        """Makes what GeometryLights name emit."""
+        if not self._geometry_lights:
+            return
+        waiting = dict(self._geometry_lights)
+        for group in self.groups:
+            for i, rprim in enumerate(group.rprims):
+                light_prim = waiting.pop(rprim.prim.GetPath(), None)
+                if light_prim is not None:
+                    group.rprims[i] = replace(rprim, light=light_prim)
+        for target, light_prim in waiting.items():
+            self._context.reports.add(
+                "GeometryLight without geometry",
+                f"does not emit: its geometry {target} is not rendered",
+                light_prim.GetPath(),
+            )
 
     def _check_draw_mode(self, prim: Usd.Prim) -> None:
         if prim.HasAPI(UsdGeom.ModelAPI):
@@ -253,8 +301,9 @@ class Population:
             bound = prim if uniform and not group.uniform else None
             matrices = to_matrix(state.matrix)[None]
             instance_rates = np.array([rates], np.float32) if any(rates) else None
+            keys = state.moving.keys() if state.moving else None
             group.children.append(
-                Placement(child, matrices, str(prim.GetPath()), None, bound, instance_rates)
+                Placement(child, matrices, str(prim.GetPath()), None, bound, instance_rates, keys)
             )
         return True
 
@@ -274,15 +323,22 @@ class Population:
 
     def _add_point_instancer(self, group: Group, prim: Usd.Prim, state: _State) -> None:
         matrix = to_matrix(state.matrix)
+        keys = state.moving.keys() if state.moving else None
         for placements in read_point_instancer(UsdGeom.PointInstancer(prim), self._context):
             root = placements.root
             inherited = self._state_above(root, state)
             key = (root.GetPath(), _inheritable_purpose(inherited.purpose), group.uniform)
             child = self._group(key, root.GetPath(), group.uniform, [root], inherited, _PROTOTYPES)
             if child is not None:
-                matrices = placements.matrices @ matrix
                 group.children.append(
-                    Placement(child, matrices, str(prim.GetPath()), placements.ids, rates=placements.rates)
+                    Placement(
+                        child,
+                        placements.matrices @ matrix,
+                        str(prim.GetPath()),
+                        placements.ids,
+                        rates=placements.rates,
+                        motion=compose(placements.matrices, placements.motion, matrix[None], keys),
+                    )
                 )
 
     def _state_above(self, root: Usd.Prim, instancer: _State) -> _State:
@@ -330,17 +386,19 @@ class Population:
             group = self._groups[key] = Group(path, uniform)
             self.groups.append(group)
             self._open.append(key)
-            self._walk(group, prims, replace(state, matrix=Gf.Matrix4d(1)), predicate)
+            self._walk(group, prims, replace(state, matrix=Gf.Matrix4d(1), moving=None), predicate)
             self._open.pop()
         return self._groups[key]
 
     def _primvar_signature(self, primvars: list[UsdGeom.Primvar]) -> tuple[object, ...]:
         known = self._signatures.get(id(primvars))
         if known is None:
+            if self._read_primvars is None and primvars:
+                self._read_primvars = read_by_materials(self._context.stage, self._context.time)
             # The list is kept, so that its id stays its own.
             known = self._signatures[id(primvars)] = (
                 primvars,
-                inherited_signature(primvars, self._context.time),
+                inherited_signature(primvars, self._context.time, self._read_primvars or ()),
             )
         return known[1]
 
@@ -386,6 +444,8 @@ def _kind_of(prim: Usd.Prim, name: str) -> _Kind:
         return _Kind.INSTANCER
     if name in light.TYPES:
         return _Kind.LIGHT
+    if name == "GeometryLight":
+        return _Kind.GEOMETRY_LIGHT
     if prim.IsA(UsdLux.BoundableLightBase) or prim.IsA(UsdLux.NonboundableLightBase) or name == "PluginLight":
         return _Kind.UNSUPPORTED_LIGHT
     if prim.IsA(UsdGeom.Subset) or prim.IsA(UsdShade.NodeGraph) or prim.IsA(UsdShade.Shader):

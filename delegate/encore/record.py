@@ -15,13 +15,14 @@ from typing import Any
 from pxr import Ar, Sdf, Tf, Usd, UsdGeom, UsdUtils
 
 from encore import __version__, stats
+from encore.adapters.camera import ShutterOptions
 from encore.color import ColorOptions, DisplayTransform, display_transform
-from encore.errors import Cancelled, EncoreError, StageError, UsageError
+from encore.errors import Cancelled, EncoreError, SettingError, StageError, UsageError
 from encore.frames import Frame, parse_frame_specs, plan
 from encore.output import check_format, check_writable
 from encore.progress import Progress
 from encore.render_pass import RenderedFrame, RenderPass, create_device, first_line, translate
-from encore.settings import resolve
+from encore.settings import resolve, shader_cache_folder
 
 QUIET, NORMAL, VERBOSE = 0, 1, 2
 
@@ -43,6 +44,10 @@ class RecordOptions:
     frames: str | None = None
     default_time: bool = False
     camera_light: bool = True
+    motion_blur: bool = True
+    depth_of_field: bool = True
+    shutter_open: float | None = None
+    shutter_close: float | None = None
     complexity: str = "low"
     color: ColorOptions = field(default_factory=ColorOptions)
     device: str = ""
@@ -133,6 +138,7 @@ def _record(options: RecordOptions, progress: Progress, signals: StopSignals) ->
         if file:
             check_writable(file)
     translation_options = sync_options(options, settings)
+    shader_cache_folder(settings["shader_cache"])  # says at once what is wrong with it
     signals.check()
 
     device = create_device(options.device, options.disable_gpu)
@@ -248,6 +254,13 @@ def open_layer(path: str) -> Sdf.Layer:
 def sync_options(options: RecordOptions, settings: Mapping[str, Any]) -> dict[str, Any]:
     """The part of the options that the translation needs, as keyword arguments of SyncOptions."""
     known = UsdGeom.Imageable.GetOrderedPurposeTokens()
+    opens, closes = options.shutter_open, options.shutter_close
+    if opens is not None and closes is not None and closes < opens:
+        raise SettingError(
+            f"the shutter closes at {closes:g}, before it opens at {opens:g}",
+            "--shutterClose",
+            "Give a time at or after --shutterOpen",
+        )
     for purpose in options.purposes:
         if purpose not in known:
             raise UsageError(f"'{purpose}' is no purpose", "--purposes", f"There are: {', '.join(known)}")
@@ -258,6 +271,8 @@ def sync_options(options: RecordOptions, settings: Mapping[str, Any]) -> dict[st
         "height": settings["height"],
         "camera_light": options.camera_light,
         "strict": options.strict,
+        "shutter": ShutterOptions(options.motion_blur, options.shutter_open, options.shutter_close),
+        "depth_of_field": options.depth_of_field,
     }
 
 

@@ -40,13 +40,23 @@ class RenderDelegate:
     """Fills an encore._core.Scene. Types go by Hydra's names; encore.population maps USD's types to them."""
 
     SUPPORTED_RPRIM_TYPES = ("mesh",)
-    SUPPORTED_SPRIM_TYPES = ("camera", "material", "distantLight", "rectLight", "sphereLight", "domeLight")
+    SUPPORTED_SPRIM_TYPES = (
+        "camera",
+        "material",
+        "distantLight",
+        "rectLight",
+        "diskLight",
+        "sphereLight",
+        "cylinderLight",
+        "domeLight",
+        "meshLight",
+    )
     SUPPORTED_BPRIM_TYPES = ("texture",)
 
     def __init__(self, context: SyncContext) -> None:
         self.scene = _core.Scene()
         self._context = context
-        self._textures = Textures(self.scene, context)
+        self.textures = Textures(self.scene, context)
         self._materials: dict[Any, BoundMaterial | None] = {}
         self.default_material = self._add_material("default", default_material())
 
@@ -61,7 +71,7 @@ class RenderDelegate:
         """The scene's material for a prim; None where it has no surface that is supported."""
         key = material.GetPath()
         if key not in self._materials:
-            data = read_material(material, self._textures, self._context)
+            data = read_material(material, self.textures, self._context)
             self._materials[key] = None if data is None else self._new(data)
         return self._materials[key]
 
@@ -95,9 +105,10 @@ class RenderDelegate:
             camera.path or "camera",
             camera.to_world,
             half,
-            camera.centre_tangent,
+            centre_tangent=camera.centre_tangent,
             near_clip=near,
             far_clip=far,
+            **camera.arguments(),
         )
 
     # Rprims
@@ -143,8 +154,20 @@ class RenderDelegate:
         ids: np.ndarray[Any, np.dtype[np.int64]] | None,
         material: BoundMaterial | None,
         rates: RateArray | None = None,
-    ) -> None:
-        """Places a prototype. material: replaces the meshes' own. rates: per matrix, theirs where above 0."""
+        motions: Matrices | None = None,
+        link_group: int = -1,
+    ) -> int:
+        """Places a prototype; the index of the first instance.
+
+        material and link_group: replace the meshes' own, where there is one and it is not negative. rates:
+        per matrix, theirs where above 0. motions: per matrix, (n, keys, 4, 4) over the shutter.
+        """
         index = -1 if material is None else material.index
-        more = {} if rates is None else {"shading_rates": np.ascontiguousarray(rates)}
-        self.scene.add_instances(path, prototype, matrices, ids, index, **more)
+        more: dict[str, Any] = {}
+        if rates is not None:
+            more["shading_rates"] = np.ascontiguousarray(rates)
+        if motions is not None:
+            more["motions"] = np.ascontiguousarray(motions)
+        if link_group >= 0:
+            more["link_group"] = link_group
+        return int(self.scene.add_instances(path, prototype, matrices, ids, index, **more))

@@ -24,7 +24,7 @@ from encore.errors import (
 )
 from encore.image_file import ImageInfo, limit_threads
 from encore.image_writer import ImageWriter
-from encore.settings import SETTINGS
+from encore.settings import SETTINGS, shader_cache_folder
 
 # Called with the share of the frame that is done and the stage at work; False cancels.
 ProgressCallback = Callable[[float, str], bool]
@@ -73,6 +73,7 @@ class RenderPass:
     ) -> None:
         self.stage = stage
         self.settings = dict(settings)
+        self.shader_cache = shader_cache_folder(settings["shader_cache"])
         self.device = device
         self.sync_options = dict(sync_options)
         self.source = source
@@ -99,7 +100,7 @@ class RenderPass:
             translation.width,
             translation.height,
             settings["reuse_tile_pixels"],
-            self._header(settings, translation.camera_path, label),
+            self._header(settings, translation, label),
         )
         writer = ImageWriter(output, info, transform)
 
@@ -116,7 +117,8 @@ class RenderPass:
         self, scene: Any, settings: Mapping[str, Any], progress: ProgressCallback, writer: ImageWriter
     ) -> Any:
         try:
-            return self.core.render(scene, settings, self.device, progress, writer.add)["statistics"]
+            given = {**settings, "shader_cache": self.shader_cache}
+            return self.core.render(scene, given, self.device, progress, writer.add)["statistics"]
         except self.core.Error as error:
             raise core_error(error) from error
         except MemoryError as error:
@@ -126,17 +128,23 @@ class RenderPass:
                 "Lower --memory, the image size, or the detail of the scene",
             ) from error
 
-    def _header(self, settings: Mapping[str, Any], camera: str, label: str) -> dict[str, str]:
+    def _header(self, settings: Mapping[str, Any], translation: Any, label: str) -> dict[str, str]:
         """What the image says of its making. Nothing in it differs between two equal runs."""
+        # Where shaders are kept is a matter of the machine, and not of the image.
+        recorded = {name: value for name, value in settings.items() if name != "shader_cache"}
+        opens, closes = translation.shutter
         header = {
             "comments": f"Encore {__version__}, {settings['method']}",
             "encore:version": __version__,
             "encore:method": settings["method"],
             "encore:seed": str(settings["seed"]),
-            "encore:settings": json.dumps(settings, sort_keys=True),
+            "encore:settings": json.dumps(recorded, sort_keys=True),
             "encore:stage": self.source,
             "encore:frame": label,
-            "encore:camera": camera or "automatic",
+            "encore:camera": translation.camera_path or "automatic",
+            "encore:shutter": f"{opens:.9g} {closes:.9g}",
+            "encore:motionBlur": "on" if closes > opens else "off",
+            "encore:depthOfField": "on" if translation.lens else "off",
             "encore:device": self.device.info["name"],
             "encore:driver": self.device.info["driver"],
             "encore:version:usd": usd_version(),

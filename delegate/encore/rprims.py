@@ -11,8 +11,17 @@ from pxr import Sdf, UsdGeom, UsdShade
 
 from encore.adapters import implicit
 from encore.adapters.context import Matrix, SyncContext
+from encore.adapters.material import MaterialData
 from encore.adapters.mesh import MeshData, read_color, read_mesh, read_texcoords
-from encore.adapters.primvars import ElementCounts, IntArray
+from encore.adapters.primvars import (
+    THIN_WALLED,
+    ElementCounts,
+    IntArray,
+    Wanted,
+    four_wide,
+    read_bool,
+    read_wanted,
+)
 from encore.adapters.shading_rate import read_rates
 from encore.population import Rprim
 from encore.render_delegate import BoundMaterial, RenderDelegate
@@ -57,19 +66,19 @@ class RprimReader:
         prim = rprim.prim
         own = None if uniform else self._bound.get(prim.GetPath())
         subsets = {} if uniform else self._subset_materials(rprim)
-        materials = [m for m in (own, *subsets.values(), *overrides) if m is not None]
-        texcoords = frozenset().union(*(m.data.texcoords for m in materials))
-        reads_color = any(m.data.reads_color for m in materials)
         # Its own colour is needed where it has no material.
         colored = own is None and (None in overrides or not overrides)
+        materials = [m.data for m in (own, *subsets.values(), *overrides) if m is not None]
+        reads_color = any(m.reads_color for m in materials)
+        wanted = _wanted(materials, colored or reads_color)
         found = UsdGeom.PrimvarsAPI(prim).FindPrimvarsWithInheritance(rprim.inherited)
         primvars = {str(p.GetPrimvarName()): p for p in found}
         self._report_unsupported(rprim, primvars, colored)
         if prim.IsA(UsdGeom.Mesh):
             matrix, key = rprim.matrix, None
-            data = read_mesh(UsdGeom.Mesh(prim), primvars, texcoords, colored or reads_color, self._context)
+            data = read_mesh(UsdGeom.Mesh(prim), primvars, wanted, self._context)
         else:
-            shape = self._read_implicit(rprim, primvars, texcoords, colored or reads_color)
+            shape = self._read_implicit(rprim, primvars, wanted)
             if shape is None:
                 return None
             data, matrix, key = shape
@@ -80,18 +89,35 @@ class RprimReader:
             if colored
             else self._delegate.default_material
         )
+        displaced = self._displacing(rprim, own, overrides)
+        if displaced is not None:
+            material, key = displaced, None
         if not (reads_color or material.data.reads_color):
             data.display_color = None
         elif data.display_color is not None:
             key = None
         return self._with_subsets(SyncedRprim(data, matrix, material, share_key=key), subsets)
 
+    def _displacing(
+        self, rprim: Rprim, own: BoundMaterial | None, overrides: Collection[BoundMaterial | None]
+    ) -> BoundMaterial | None:
+        """The material that displaces the mesh, if there is one: core takes it from the mesh itself.
+
+        Instances that inherit different ones share one mesh, and so one displacement, which is reported.
+        """
+        if own is not None:
+            return own if own.data.displaces else None
+        found = [m for m in overrides if m is not None and m.data.displaces]
+        if found and any(m is not found[0] for m in overrides):
+            self._context.reports.add(
+                "displacement of instances",
+                f"its instances have several materials: all are displaced as {found[0].data.path} says",
+                rprim.prim.GetPath(),
+            )
+        return found[0] if found else None
+
     def _read_implicit(
-        self,
-        rprim: Rprim,
-        primvars: Mapping[str, UsdGeom.Primvar],
-        texcoord_names: Collection[str],
-        with_color: bool,
+        self, rprim: Rprim, primvars: Mapping[str, UsdGeom.Primvar], wanted: Wanted
     ) -> tuple[MeshData, Matrix, Any] | None:
         """The mesh of an implicit shape, its matrix to the group, and its key for sharing."""
         prim, context = rprim.prim, self._context
@@ -103,13 +129,20 @@ class RprimReader:
         left_handed, double_sided = implicit.orientation(prim, context)
         counts = ElementCounts(data.face_count, len(data.points), len(data.face_vertex_indices))
         constants = {n: p for n, p in primvars.items() if p.GetInterpolation() == UsdGeom.Tokens.constant}
-        own = [name for name in texcoord_names if name in data.texcoords and name not in constants]
-        texcoords = {name: data.texcoords[name] for name in own}
-        texcoords |= read_texcoords(constants, set(texcoord_names) - set(own), counts, path, context)
+        own = frozenset(data.texcoords) - constants.keys()
+        texcoords = {name: data.texcoords[name] for name in own & wanted.texcoords}
+        texcoords |= read_texcoords(
+            constants, replace(wanted, texcoords=wanted.texcoords - own), counts, path, context
+        )
+        others = {name: width for name, width in wanted.primvars.items() if name not in own}
+        read = read_wanted(constants, replace(wanted, primvars=others), counts, path, context)
+        read |= {name: four_wide(data.texcoords[name]) for name in own & wanted.primvars.keys()}
         normals = data.normals
         if left_handed and normals is not None:
             normals = normals._replace(values=-normals.values)
-        key = (shape.key, left_handed, double_sided, tuple(sorted(own)))
+        thin = read_bool(primvars, THIN_WALLED, path, context)
+        thin = not implicit.is_solid(shape) if thin is None else thin
+        key = (shape.key, left_handed, double_sided, thin, tuple(sorted(own & wanted.texcoords)))
         data = replace(
             data,
             path=str(path),
@@ -117,10 +150,13 @@ class RprimReader:
             double_sided=double_sided,
             normals=normals,
             texcoords=texcoords,
+            primvars=read,
+            thin_walled=thin,
             shading_rate=read_rates(primvars, context),
-            display_color=read_color(constants, counts, path, context) if with_color else None,
+            display_color=read_color(constants, counts, path, context) if wanted.color else None,
         )
-        return data, shape.to_prim @ rprim.matrix, key if len(own) == len(texcoords) else None
+        shares = not read and texcoords.keys() <= own
+        return data, shape.to_prim @ rprim.matrix, key if shares else None
 
     def _subset_materials(self, rprim: Rprim) -> dict[Sdf.Path, BoundMaterial]:
         """Materials of the GeomSubsets of family materialBind, by the subset's path."""
@@ -182,3 +218,16 @@ class RprimReader:
             value = primvars["displayOpacity"].Get(self._context.time)
             if value is not None and np.min(np.asarray(value, dtype=np.float32), initial=1.0) < 1:
                 reports.add("displayOpacity", "displayOpacity is not supported yet: it is opaque", path)
+
+
+def _wanted(materials: Collection[MaterialData], color: bool) -> Wanted:
+    """What all of the materials together read of a mesh."""
+    primvars: dict[str, int] = {}
+    needed: set[str] = set()
+    for material in materials:
+        for name, width in material.primvars.items():
+            primvars[name] = max(width, primvars.get(name, 0))
+        needed |= (material.texcoords | material.primvars.keys()) - material.optional
+    texcoords = frozenset().union(*(m.texcoords for m in materials))
+    optional = (texcoords | primvars.keys()) - needed
+    return Wanted(texcoords, primvars, optional, color, any(m.transmits for m in materials))

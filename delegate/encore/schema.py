@@ -7,9 +7,15 @@ from pathlib import Path
 from pxr import Plug
 
 API_SCHEMA = "EncorePrimvarsAPI"
+MATERIAL_API_SCHEMA = "EncoreMaterialAPI"
+LIGHT_API_SCHEMA, CAMERA_API_SCHEMA = "EncoreLightAPI", "EncoreCameraAPI"
 TARGET_EDGE_LENGTH = "primvars:encore:targetEdgeLength"
 SHADING_RATE = "primvars:encore:shadingRate"
 LAYER_SHADING_RATES = tuple(f"{SHADING_RATE}:{layer}" for layer in ("direct", "reflection", "refraction"))
+THIN_WALLED = "primvars:encore:thinWalled"
+DIELECTRIC_PRIORITY = "inputs:encore:dielectricPriority"
+LIGHT_SAMPLES = "encore:samples"
+APERTURE_BLADES, APERTURE_ROTATION = "encore:apertureBlades", "encore:apertureRotation"
 
 
 def folder() -> Path:

@@ -5,13 +5,16 @@ Keys are the field names of core/scene/settings.h, and so are the defaults; a te
 
 from __future__ import annotations
 
+import errno
 import math
+import os
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from encore.errors import SettingError, UsageError
+from encore.errors import OutputError, SettingError, UsageError
 
 _SIZE_UNITS = {"": 1, "b": 1}
 for _power, _letter in enumerate("kmgt", start=1):
@@ -22,13 +25,14 @@ for _power, _letter in enumerate("kmgt", start=1):
 class Setting:
     """One render setting.
 
-    key: field of core's Settings. flags: of the command line, the long one first. default: None where the
-    stage decides. minimum and maximum: both allowed; None: no bound, beyond what the type holds.
+    key: field of core's Settings. flags: of the command line, the long one first; that of a bool which is on
+    switches it off. default: None where the stage decides. default_says: for documentation, instead. minimum
+    and maximum: both allowed; None: no bound, beyond what the type holds.
     """
 
     key: str
     flags: tuple[str, ...]
-    kind: str  # int, float, bool, size or choice
+    kind: str  # int, float, bool, size, choice or text
     default: Any
     doc: str
     unit: str = ""
@@ -38,6 +42,7 @@ class Setting:
     multiple_of: int | None = None
     choices: tuple[str, ...] = ()
     metavar: str = ""
+    default_says: str = ""
 
     @property
     def flag(self) -> str:
@@ -80,7 +85,9 @@ class Setting:
         if self.kind == "choice":
             return " or ".join(f"`{c}`" for c in self.choices)
         if self.kind == "bool":
-            return "on when given"
+            return "off when given" if self.default else "on when given"
+        if self.kind == "text":
+            return "a folder, or `none`"
         parts = []
         if self.above is not None:
             parts.append(f"above {self.above:g}")
@@ -95,6 +102,8 @@ class Setting:
     @property
     def default_text(self) -> str:
         """The default in words, for help and documentation."""
+        if self.default_says:
+            return self.default_says
         if self.default is None:
             return "from the camera"
         if self.kind == "bool":
@@ -140,7 +149,7 @@ GROUPS: dict[str, tuple[Setting, ...]] = {
             ("--enableLightVisibility",),
             "bool",
             False,
-            "The camera sees rectangle and sphere lights. Reflections and refractions always see them.",
+            "The camera sees lights that have a size. Reflections and refractions always see them.",
         ),
     ),
     "method": (
@@ -281,6 +290,30 @@ GROUPS: dict[str, tuple[Setting, ...]] = {
             metavar="X",
         ),
         Setting(
+            "reuse_time_weight",
+            ("--reuseTimeWeight",),
+            "float",
+            0.0,
+            "Weight of time in the distance between samples, where things move: that of a whole shutter "
+            "interval. 0: time is not part of it. Needs `--search` `auto` or `tree`.",
+            unit="parameters of the primitive",
+            minimum=0,
+            maximum=1e6,
+            metavar="X",
+        ),
+        Setting(
+            "reuse_direction_weight",
+            ("--reuseDirectionWeight",),
+            "float",
+            0.0,
+            "Weight of the direction from which a path arrives in the distance between samples, as a unit "
+            "vector. 0: it is not part of it. Needs `--search` `auto` or `tree`.",
+            unit="parameters of the primitive",
+            minimum=0,
+            maximum=1e6,
+            metavar="X",
+        ),
+        Setting(
             "max_reuse_distance",
             ("--maxReuseDistance",),
             "float",
@@ -314,7 +347,8 @@ GROUPS: dict[str, tuple[Setting, ...]] = {
             ("--lightSamples",),
             "int",
             16,
-            "Shadow rays per light with an extent, each time a point is shaded.",
+            "Shadow rays per light with an extent, each time a point is shaded. Lights with `encore:samples` "
+            "have their own number.",
             unit="rays per light and shade",
             minimum=1,
             maximum=65536,
@@ -325,11 +359,52 @@ GROUPS: dict[str, tuple[Setting, ...]] = {
             ("--occlusionSamples",),
             "int",
             64,
-            "Occlusion rays per dome light, each time a point is shaded.",
+            "Occlusion rays per dome light, each time a point is shaded. Domes with `encore:samples` have "
+            "their own number.",
             unit="rays per dome and shade",
             minimum=1,
             maximum=65536,
             metavar="N",
+        ),
+        Setting(
+            "most_light_samples",
+            ("--mostLightSamples",),
+            "int",
+            128,
+            "Shadow rays to all lights with an extent, each time a point is shaded. Where all lights "
+            "together ask for more, lights are chosen by importance.",
+            unit="rays per shade",
+            minimum=1,
+            maximum=2**20,
+            metavar="N",
+        ),
+        Setting(
+            "occlusion_distance_world",
+            ("--occlusionDistance",),
+            "float",
+            0.0,
+            "Farthest that surfaces occlude dome lights. 0: any distance.",
+            unit="world units",
+            minimum=0,
+            metavar="X",
+        ),
+        Setting(
+            "glass_shadows",
+            ("--glassShadows",),
+            "choice",
+            "transmit",
+            "What transparent bodies do to light on its way to a surface. `transmit`: it passes straight, "
+            "less what their interfaces reflect and what is opaque in them. `opaque`: it does not pass.",
+            choices=("transmit", "opaque"),
+            metavar="MODE",
+        ),
+        Setting(
+            "energy_compensation",
+            ("--disableEnergyCompensation",),
+            "bool",
+            True,
+            "Rough lobes get back the light that microfacets reflect among each other; without it rough "
+            "metal is too dark.",
         ),
     ),
     "filter": (
@@ -406,6 +481,27 @@ GROUPS: dict[str, tuple[Setting, ...]] = {
             metavar="SIZE",
         ),
         Setting(
+            "texture_budget_bytes",
+            ("--textureMemory",),
+            "size",
+            0,
+            "Memory for textures: only the levels of detail that are needed are kept. 0: an eighth of the "
+            "machine's memory.",
+            unit="bytes",
+            minimum=0,
+            metavar="SIZE",
+        ),
+        Setting(
+            "shader_cache",
+            ("--shaderCache",),
+            "text",
+            "",
+            "Folder of compiled pattern shaders, by content; never changes a pixel, and is not recorded in "
+            "images. `none`: they are compiled every time.",
+            metavar="FOLDER",
+            default_says="`encore` in `$XDG_CACHE_HOME`, else in `~/.cache`",
+        ),
+        Setting(
             "threads",
             ("--threads",),
             "int",
@@ -457,3 +553,35 @@ def _check_together(values: Mapping[str, Any]) -> None:
             SETTINGS["search"].flag,
             "With --footprintReuse metric, choose auto or tree",
         )
+    for key in ("reuse_time_weight", "reuse_direction_weight"):
+        if values[key] > 0 and values["search"] not in ("auto", "tree"):
+            raise SettingError(
+                f"'{values['search']}' does not know time and direction",
+                SETTINGS["search"].flag,
+                f"With {SETTINGS[key].flag}, choose auto or tree",
+            )
+
+
+def shader_cache_folder(setting: str) -> str:
+    """The folder that `--shaderCache` means, made if need be; empty: none. setting: empty without the flag.
+
+    Where the default one cannot be made there is none. Throws OutputError for a given one that cannot.
+    """
+    if setting == "none":
+        return ""
+    given = bool(setting)
+    home = os.environ.get("XDG_CACHE_HOME", "")
+    base = Path(home) if Path(home).is_absolute() else Path("~/.cache")
+    try:
+        folder = (Path(setting) if given else base / "encore").expanduser()
+        folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    except (OSError, RuntimeError) as error:
+        if not given:
+            return ""
+        reason = getattr(error, "strerror", None) or str(error)
+        raise OutputError(
+            f"cannot be used as a shader cache ({reason})", setting, "Name another folder, or none"
+        ) from error
+    return str(folder.resolve())

@@ -8,8 +8,11 @@
 #include "key_table.glsl"
 #include "nearest_neighbour.glsl"
 
-// Whether footprints count.
+// Whether footprints count, and further coordinates.
 layout(constant_id = 0) const bool kMetric = false;
+layout(constant_id = 1) const bool kAspects = false;
+
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Aspects { vec4 at[]; };
 
 layout(push_constant, scalar) uniform Arguments {
   Primitives primitives;
@@ -28,7 +31,26 @@ layout(push_constant, scalar) uniform Arguments {
   uint capacity;
   uint only_pending;  // 1: only samples whose shade is kShadePending
   float weight;       // c of the metric
+  Aspects aspects;    // these two only with kAspects: by slot
+  Aspects sample_aspects;  // and by sample id
 };
+
+// What is not a number counts as 0, and nothing as more than 2^40.
+// Comparisons on bits, as in footprint.glsl.
+float cleanAspect(float a) {
+  const uint bits = floatBitsToUint(a) & 0x7fffffffu;
+  return bits > 0x7f800000u ? 0.0 : clamp(a, -1099511627776.0, 1099511627776.0);
+}
+vec4 cleanAspect(vec4 a) {
+  return vec4(cleanAspect(a.x), cleanAspect(a.y), cleanAspect(a.z), cleanAspect(a.w));
+}
+
+// The further coordinates' part of the squared distance.
+float aspectPart(vec4 a, uint id) {
+  precise const vec4 d = a - cleanAspect(sample_aspects.at[id]);
+  precise const float part = (d.x * d.x + d.y * d.y) + (d.z * d.z + d.w * d.w);
+  return part;
+}
 
 struct Nearest {
   float squared;
@@ -36,12 +58,13 @@ struct Nearest {
 };
 
 // A leaf's samples stand in order of their ids, so that the first of several equally near has the lowest id.
-Nearest searchLeaf(uint first, uint end, vec2 q, Footprint footprint) {
+Nearest searchLeaf(uint first, uint end, vec2 q, Footprint footprint, vec4 aspect) {
   float best = kFar;
   uint best_at = first;
   for (uint k = first; k < end; ++k) {
     float squared = squaredDistance(q, pairAt(tree_points, k));
     if (kMetric) squared = withPart(squared, footprintPart(footprint, footprintAt(tree_footprints, k), weight));
+    if (kAspects) squared = withPart(squared, aspectPart(aspect, tree_ids.at[k]));
     if (squared < best) {
       best = squared;
       best_at = k;
@@ -65,7 +88,8 @@ float squaredDistanceToNode(vec2 q, Footprint footprint, uint node) {
   return withPart(squared, footprintBound(footprint, footprintRangeAt(footprint_ranges, node), weight));
 }
 
-uint findNearest(TreePrimitive p, vec2 q, Footprint footprint) {
+// Bounds of nodes leave aspects out, so that they are none too high.
+uint findNearest(TreePrimitive p, vec2 q, Footprint footprint, vec4 aspect) {
   const uint depth = depthOf(p);
   const uint u_levels = uLevelsOf(p);
   Nearest nearest = Nearest(kFar, 0);
@@ -89,7 +113,8 @@ uint findNearest(TreePrimitive p, vec2 q, Footprint footprint) {
     }
     const uint leaf = node - (1u << depth);
     const Nearest here =
-        searchLeaf(p.first + firstRank(p.count, leaf, depth), p.first + firstRank(p.count, leaf + 1, depth), q, footprint);
+        searchLeaf(p.first + firstRank(p.count, leaf, depth), p.first + firstRank(p.count, leaf + 1, depth), q, footprint,
+                   aspect);
     if (here.squared < nearest.squared || (here.squared == nearest.squared && here.id < nearest.id)) nearest = here;
     // Up to the first sibling that may hold something nearer, or as near and of a lower id.
     bool enter = false;
@@ -128,7 +153,9 @@ void main() {
     if (primitive != kNoPrimitive) {
       Footprint footprint = Footprint(0.0, 0.0);
       if (kMetric) footprint = footprintOf(radii.at[slot]);
-      found = findNearest(primitives.at[primitive], inUnitSquare(uv.at[slot]), footprint);
+      vec4 aspect = vec4(0.0);
+      if (kAspects) aspect = cleanAspect(aspects.at[slot]);
+      found = findNearest(primitives.at[primitive], inUnitSquare(uv.at[slot]), footprint, aspect);
     }
   }
   shade.at[slot] = found;

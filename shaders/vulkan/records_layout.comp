@@ -16,6 +16,8 @@ layout(buffer_reference, scalar) buffer Keys { SurfaceKey at[]; };
 layout(buffer_reference, scalar) buffer Points { PatternPoint at[]; };
 layout(buffer_reference, scalar) buffer Shadings { ShadingInputs at[]; };
 layout(buffer_reference, scalar) buffer Paths { PathInputs at[]; };
+layout(buffer_reference, scalar) buffer Opacities { OpacityInputs at[]; };
+layout(buffer_reference, scalar) buffer Displacements { DisplacementInputs at[]; };
 layout(buffer_reference, scalar) buffer Vectors2 { vec2 at[]; };
 layout(buffer_reference, scalar) buffer Vectors3 { vec3 at[]; };
 layout(buffer_reference, scalar) buffer Constants { uint at[]; };
@@ -25,6 +27,8 @@ layout(push_constant, scalar) uniform Arguments {
   Points points;
   Shadings shadings;
   Paths paths;
+  Opacities opacities;
+  Displacements displacements;
   Vectors2 vectors2;
   Vectors3 vectors3;
   Constants constants;
@@ -37,10 +41,7 @@ void main() {
     keys.at[i].instance = n;
     keys.at[i].primitive_side = n + 1;
     points.at[i].material = n;
-    points.at[i].st = vec2(f + 1, f + 2);
-    points.at[i].dstdx = vec2(f + 3, f + 4);
-    points.at[i].dstdy = vec2(f + 5, f + 6);
-    points.at[i].color = vec3(f + 7, f + 8, f + 9);
+    points.at[i].first = n + 1;
     shadings.at[i].diffuse_color = vec3(f, f + 1, f + 2);
     shadings.at[i].emissive_color = vec3(f + 3, f + 4, f + 5);
     paths.at[i].base_color = vec3(f, f + 1, f + 2);
@@ -51,6 +52,10 @@ void main() {
     paths.at[i].clearcoat_roughness = f + 9;
     paths.at[i].opacity = f + 10;
     paths.at[i].ior = f + 11;
+    paths.at[i].normal = vec3(f + 12, f + 13, f + 14);
+    opacities.at[i].opacity = f;
+    displacements.at[i].offset = vec3(f, f + 1, f + 2);
+    displacements.at[i].along_normal = f + 3;
     vectors2.at[i] = vec2(f, f + 1);
     vectors3.at[i] = vec3(f, f + 1, f + 2);
   }

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 #include <tbb/task_arena.h>
 
+#include <bit>
 #include <cstring>
 
 #include "core/path/footprint.h"
@@ -27,6 +28,7 @@ struct Values {
   std::vector<Vec3f> normal, throughput;
   std::vector<SurfaceKey> key;
   std::vector<Vec2f> uv;
+  std::vector<Vec4f> aspect;
   std::vector<FirstHit> first;
   uint64_t on_surface = 0;
 
@@ -35,11 +37,13 @@ struct Values {
     position.assign(slots, 77), coverage.assign(slots, -3), footprint.assign(slots, -3);
     depth.assign(blocks * kBlockArea, -3);
     normal.assign(slots, {9, 9, 9}), throughput.assign(slots, {9, 9, 9});
-    key.assign(slots, {123, 456}), uv.assign(slots, {9, 9});
-    first.assign(slots, {{}, 9, 9, 9, 9});
+    key.assign(slots, {123, 456}), uv.assign(slots, {9, 9}), aspect.assign(slots, {9, 9, 9, 9});
+    FirstHit rubbish;
+    rubbish.film_x = rubbish.film_y = 9, rubbish.pixel = rubbish.sample = 9;
+    first.assign(slots, rubbish);
   }
   SharedOutputs shared() { return {position, coverage, normal, depth}; }
-  SampleOutputs direct() { return {key, uv, throughput, footprint}; }
+  SampleOutputs direct() { return {key, uv, throughput, footprint, aspect}; }
 };
 
 std::vector<BlockOrigin> blocksOf(const Settings& settings) {
@@ -49,11 +53,33 @@ std::vector<BlockOrigin> blocksOf(const Settings& settings) {
   return blocks;
 }
 
+// Correlated multi-jittering, from its definition: sample s is in column s % n and row s / n of n × n squares, and at
+// the place in them where a permutation puts the other index.
+uint32_t filmPosition(const Settings& settings, uint32_t pixel, uint32_t s) {
+  const uint32_t n = settings.samples, patterns = std::bit_floor(std::clamp(4096 / (n * n), 8u, 64u));
+  const auto permuted = [&](uint32_t index, uint32_t i) {
+    std::vector<uint32_t> order;
+    for (uint32_t k = 0; k < n; ++k) {
+      order.push_back(k);
+      std::swap(order[k], order[pcg4d(index, k, n, 0x5bd1e995u)[0] % (k + 1)]);
+    }
+    return order[i];
+  };
+  const auto which = pcg4d(pixel, 0xffffffffu, uint32_t(RandomUse::FilmPosition), settings.seed);
+  const auto random = pcg4d(pixel, s, uint32_t(RandomUse::FilmPosition), settings.seed);
+  const uint32_t column = s % n * n + permuted(2 * (which[0] % patterns), s / n),
+                 row = s / n * n + permuted(2 * (which[1] % patterns) + 1, s % n);
+  const auto place = [&](uint32_t stratum, uint32_t bits) {
+    return std::min(65535u, uint32_t((float(stratum) + toUnit(bits)) / float(n * n) * 65536.0f));
+  };
+  return place(row, random[1]) << 16 | place(column, random[0]);
+}
+
 // The twin.
 Values slowly(World& world, std::span<const BlockOrigin> blocks) {
   const Settings& settings = world.settings;
   const CameraRays camera = world.camera();
-  const uint32_t n = settings.samples, per_pixel = n * n;
+  const uint32_t per_pixel = settings.samples * settings.samples;
   Values values(blocks.size(), per_pixel);
   std::vector<uint32_t> ends;
   size_t slot = 0;
@@ -63,11 +89,11 @@ Values slowly(World& world, std::span<const BlockOrigin> blocks) {
       for (uint32_t s = 0; s < per_pixel; ++s, ++slot) {
         values.first[slot] = {}, values.position[slot] = 0;
         if (x >= settings.width || y >= settings.height) continue;
-        const auto random = pcg4d(pixel, s, uint32_t(RandomUse::FilmPosition), settings.seed);
-        const uint32_t fx = std::min(65535u, uint32_t((float(s % n) + toUnit(random[0])) / float(n) * 65536.0f));
-        const uint32_t fy = std::min(65535u, uint32_t((float(s / n) + toUnit(random[1])) / float(n) * 65536.0f));
-        values.position[slot] = fy << 16 | fx;
-        values.first[slot] = {{}, float(x) + float(fx) * 0x1p-16f, float(y) + float(fy) * 0x1p-16f, pixel, s};
+        const uint32_t position = values.position[slot] = filmPosition(settings, pixel, s);
+        FirstHit& f = values.first[slot];
+        f.film_x = float(x) + float(position & 0xffffu) * 0x1p-16f,
+        f.film_y = float(y) + float(position >> 16) * 0x1p-16f;
+        f.pixel = pixel, f.sample = s;
       }
     }
     ends.push_back(uint32_t(slot));
@@ -80,11 +106,12 @@ Values slowly(World& world, std::span<const BlockOrigin> blocks) {
     const FirstHit& f = values.first[i];
     values.coverage[i] = 0, values.normal[i] = {};
     if (!f.active()) continue;
-    const Ray ray = camera.ray(f.film_x, f.film_y);
+    const Ray ray = camera.ray(f);
     if (!f.hit.valid()) {
       const bool light =
-          settings.lights_visible &&
-          intersectLights(world.stage.scene.lights, ray.origin, ray.direction, std::numeric_limits<float>::max()).valid;
+          settings.lights_visible && intersectLights(world.context().lights, world.stage.scene.lights, ray.origin,
+                                                     ray.direction, std::numeric_limits<float>::max())
+                                         .valid;
       values.coverage[i] = settings.dome_light_visible || light ? 1 : 0;
       continue;
     }
@@ -112,6 +139,7 @@ void expectEqual(const Values& a, const Values& b, const std::string& what) {
   EXPECT_TRUE(sameBytes(a.key, b.key)) << what;
   EXPECT_TRUE(sameBytes(a.uv, b.uv)) << what;
   EXPECT_TRUE(sameBytes(a.throughput, b.throughput)) << what;
+  EXPECT_TRUE(sameBytes(a.aspect, b.aspect)) << what;
   EXPECT_TRUE(sameBytes(a.first, b.first)) << what;
   EXPECT_EQ(a.on_surface, b.on_surface) << what;
   size_t different = 0;  // -0 and 0 are equal
@@ -226,7 +254,7 @@ TEST(Antialiasing, EvaluatesVaryingMaterials) {
   frame(world, 40, 30, 3);
   world.settings.max_reuse_distance = 2;
   world.build();
-  ASSERT_TRUE(world.patterns->pathVaries(3));
+  ASSERT_TRUE(world.patterns->varies(PatternPart::Path, 3));
   const auto blocks = blocksOf(world.settings);
   expectEqual(quickly(world, blocks), slowly(world, blocks), "varying");
 }
@@ -249,6 +277,80 @@ TEST(Antialiasing, KeysCarryOctavesAndParametersTheirScaleWhereAskedFor) {
     ++octaves[octave];
   }
   EXPECT_GT(std::count_if(octaves.begin(), octaves.end(), [](uint32_t c) { return c > 10; }), 3);
+}
+
+// Cameras with a lens, without perspective, or in motion; and moving things before a camera at rest.
+TEST(Antialiasing, OfAllCameras) {
+  for (int kind = 0; kind < 16; ++kind) {
+    World world;
+    Material plastic;
+    plastic.roughness = {0.0f};
+    world.stage.scene.materials.push_back(plastic);
+    furnish(world);
+    frame(world, 37, 21, 3);
+    Camera& camera = world.stage.scene.camera;
+    if (kind & 1) camera.lens_radius = 0.3f, camera.focus_distance = 8;
+    if (kind & 2) camera.projection = Camera::Projection::Orthographic, camera.half_tangent = {3, 3.0f * 21 / 37};
+    if (kind & 4) camera.motion = {camera.to_world, translation({0.5, 0, 0})};
+    if (kind & 8) camera.clipping_planes = {{{0, 0, -1}, -8.5f}};
+    Light ball;
+    ball.kind = Light::Kind::Sphere;
+    ball.radiance = {7, 6, 5}, ball.centre = {0.5, 0, -6}, ball.radius = 0.4f;
+    world.stage.scene.lights = {ball};
+    world.settings.lights_visible = true;
+    world.settings.max_reuse_distance = 2;
+    world.settings.reuse_time_weight = 0.5f, world.settings.reuse_direction_weight = 2;
+    world.build();
+    const auto blocks = blocksOf(world.settings);
+    const Values quick = quickly(world, blocks);
+    expectEqual(quick, slowly(world, blocks), "camera " + std::to_string(kind));
+    size_t on_ball = 0, surfaces = 0;
+    for (size_t i = 0; i < quick.key.size(); ++i) {
+      on_ball += quick.throughput[i] == ball.radiance;
+      if (quick.key[i].instance == kNoInstance) continue;
+      ++surfaces;
+      const Vec4f a = quick.aspect[i];
+      EXPECT_NEAR(length(Vec3f{a.x, a.y, a.z}), 2, 1e-5f);
+      EXPECT_EQ(a.w, 0.5f * quick.first[i].hit.time);
+      if (!(kind & 4)) {
+        EXPECT_EQ(a.w, 0);
+      }
+    }
+    EXPECT_GT(surfaces, 300u);
+    EXPECT_GT(on_ball, 10u);
+  }
+}
+
+// What is partly there, in front of lights, background and materials that vary.
+TEST(Antialiasing, PassesThroughPresence) {
+  for (const bool together : {false, true}) {
+    World world;
+    Material veil = matte();
+    veil.opacity = {0.4f}, veil.opacity_mode = OpacityMode::Presence;
+    Material varied;
+    varied.nodes.emplace_back().kind = PatternNode::Kind::DisplayColor;
+    varied.metallic = {0.5f}, varied.roughness = {0.0f};
+    varied.diffuse_color = {{0, 0, 0}, 0, 0};
+    if (together) {
+      veil.nodes.emplace_back().kind = PatternNode::Kind::DisplayColor;
+      veil.opacity = {1, 0, 1};
+    }
+    world.stage.scene.materials.push_back(veil), world.stage.scene.materials.push_back(varied);
+    furnish(world);
+    for (DicedMesh& mesh : world.stage.diced)
+      for (const Vec3f& p : mesh.positions) mesh.display_color.push_back({p.x * 0.5f + 0.5f, 0.4f, 0.9f});
+    frame(world, 40, 30, 3);
+    Light ball;
+    ball.kind = Light::Kind::Sphere;
+    ball.radiance = {7, 6, 5}, ball.centre = {0.5, 0, -9}, ball.radius = 0.5f;
+    world.stage.scene.lights = {ball};
+    world.settings.lights_visible = true;
+    world.settings.footprint_reuse = FootprintReuse::Octaves;
+    world.settings.reuse_direction_weight = 1;
+    world.build();
+    const auto blocks = blocksOf(world.settings);
+    expectEqual(quickly(world, blocks), slowly(world, blocks), "presence");
+  }
 }
 
 TEST(Antialiasing, DependsOnNothingButTheBlock) {
@@ -276,7 +378,8 @@ TEST(Antialiasing, WritesNothingThatIsNotNeeded) {
   const auto blocks = blocksOf(world.settings);
   const Values all = quickly(world, blocks);
   Values some(blocks.size(), 4);
-  EXPECT_EQ(traceAntialiasing(world.context(), world.camera(), blocks, {}, {}, {{}, some.uv, {}, {}}), all.on_surface);
+  EXPECT_EQ(traceAntialiasing(world.context(), world.camera(), blocks, {}, {}, {{}, some.uv, {}, {}, {}}),
+            all.on_surface);
   EXPECT_TRUE(sameBytes(some.uv, all.uv));
   EXPECT_EQ(traceAntialiasing(world.context(), world.camera(), blocks, {}, {{}, {}, some.normal, {}}, {}), 0u);
   EXPECT_TRUE(sameBytes(some.normal, all.normal));
@@ -302,18 +405,26 @@ TEST(Antialiasing, TracesSingleSlotsAgain) {
     for (size_t i = 0; i < slots.size(); ++i)
       ASSERT_EQ(std::memcmp(&first[i], &all.first[slots[i]], sizeof(FirstHit)), 0) << slots[i];
     retraceFirstHits(world.context(), world.camera(), blocks, {}, {});
+    // Through a lens, while the camera moves.
+    world.stage.scene.camera.lens_radius = 0.2f, world.stage.scene.camera.focus_distance = 8;
+    world.stage.scene.camera.motion = {{}, translation({0.3, 0, 0})};
+    const Values blurred = quickly(world, blocks);
+    retraceFirstHits(world.context(), world.camera(), blocks, slots, first);
+    for (size_t i = 0; i < slots.size(); ++i)
+      ASSERT_EQ(std::memcmp(&first[i], &blurred.first[slots[i]], sizeof(FirstHit)), 0) << slots[i];
   }
 }
 
 TEST(Antialiasing, PositionsAreJitteredInTheirStrata) {
   World world;
-  frame(world, 37, 21, 5);
+  frame(world, 37, 21, 4);
   world.build();
   const auto blocks = blocksOf(world.settings);
   const Values values = quickly(world, blocks);
   size_t active = 0;
+  uint32_t columns = 0, rows = 0;
   for (size_t i = 0; i < values.first.size(); ++i) {
-    const uint32_t pixel = uint32_t(i / 25 % kBlockArea), block = uint32_t(i / 25 / kBlockArea), s = uint32_t(i % 25);
+    const uint32_t pixel = uint32_t(i / 16 % kBlockArea), block = uint32_t(i / 16 / kBlockArea), s = uint32_t(i % 16);
     const uint32_t x = blocks[block].x + pixel % kBlockPixels, y = blocks[block].y + pixel / kBlockPixels;
     const FirstHit& f = values.first[i];
     ASSERT_EQ(f.active(), x < 37 && y < 21);
@@ -321,10 +432,16 @@ TEST(Antialiasing, PositionsAreJitteredInTheirStrata) {
     ++active;
     EXPECT_EQ(f.film_x, float(x) + float(values.position[i] & 0xffff) * 0x1p-16f);
     EXPECT_EQ(f.film_y, float(y) + float(values.position[i] >> 16) * 0x1p-16f);
-    EXPECT_NEAR((f.film_x - float(x)) * 5, float(s % 5) + 0.5f, 0.5f + 1e-3f);
-    EXPECT_NEAR((f.film_y - float(y)) * 5, float(s / 5) + 0.5f, 0.5f + 1e-3f);
+    EXPECT_NEAR((f.film_x - float(x)) * 4, float(s % 4) + 0.5f, 0.5f + 1e-3f);
+    EXPECT_NEAR((f.film_y - float(y)) * 4, float(s / 4) + 0.5f, 0.5f + 1e-3f);
+    if (s == 0) columns = rows = 0;
+    columns |= 1u << uint32_t((f.film_x - float(x)) * 16), rows |= 1u << uint32_t((f.film_y - float(y)) * 16);
+    if (s == 15) {
+      EXPECT_EQ(columns, (1u << 16) - 1);  // each once
+      EXPECT_EQ(rows, (1u << 16) - 1);
+    }
   }
-  EXPECT_EQ(active, size_t(37) * 21 * 25);
+  EXPECT_EQ(active, size_t(37) * 21 * 16);
 }
 
 TEST(RawTrace, CountsWholePackets) {

@@ -1,136 +1,14 @@
-// Lobes of UsdPreviewSurface against closed forms, quadrature and an independent twin of GGX.
+// Lobes of UsdPreviewSurface against closed forms.
 #include "core/shade/bsdf.h"
 
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <limits>
-#include <vector>
 
-#include "core/scene/random.h"
-#include "core/shade/interface_albedo.h"
+#include "bsdf_surfaces.h"
 
 namespace encore {
 namespace {
-
-constexpr double kPiD = 3.14159265358979323846;
-constexpr Vec3f kUp{0, 0, 1};
-constexpr float kLimit = 0.3f;
-
-Vec3f viewAt(float cos_theta) { return {std::sqrt(1 - cos_theta * cos_theta), 0, cos_theta}; }
-
-// A white dielectric; roughness decides whether its interface is traced.
-struct Surface {
-  Material material;
-  PathInputs inputs{{1, 1, 1}, {0, 0, 0}, 0, 0, 0, 0, 1, 1.5f};
-
-  Surface& roughness(float r) { return set(material.roughness, inputs.roughness, r); }
-  Surface& metallic(float m) { return set(material.metallic, inputs.metallic, m); }
-  Surface& clearcoat(float c, float r) {
-    set(material.clearcoat_roughness, inputs.clearcoat_roughness, r);
-    return set(material.clearcoat, inputs.clearcoat, c);
-  }
-  Surface& opacity(float o) { return set(material.opacity, inputs.opacity, o); }
-  Surface& ior(float i) { return set(material.ior, inputs.ior, i); }
-  Surface& specular(Vec3f f0) {
-    material.use_specular_workflow = true;
-    material.specular_color.value = inputs.specular_color = f0;
-    return *this;
-  }
-  Surface& base(Vec3f c) {
-    material.diffuse_color.value = inputs.base_color = c;
-    return *this;
-  }
-  Lobes lobes(bool back = false) const { return makeLobes(material, inputs, back, kLimit); }
-  bool viewWeight() const { return viewWeightInShading(material, kLimit, false); }
-
- private:
-  Surface& set(Input<float>& input, float& value, float x) {
-    input.value = value = x;
-    return *this;
-  }
-};
-Surface smooth() { return Surface().roughness(0); }
-
-// Sobol points in three or four dimensions, padded from two.
-struct Points {
-  float u[4];
-  Points(uint32_t i, uint32_t seed) {
-    const Vec2f a = sobol2(i, seed), b = sobol2(i, seed + 1000);
-    u[0] = a.x, u[1] = a.y, u[2] = b.x, u[3] = b.y;
-  }
-};
-
-// Twin of the rough interface in double: textbook formulas (Walter et al. 2007; Heitz 2014).
-double twinLambda(double z, double alpha) {
-  const double tan2 = (1 - z * z) / (z * z);
-  return 0.5 * (std::sqrt(1 + alpha * alpha * tan2) - 1);
-}
-// f · cos for F = 1.
-double twinReflection(const Vec3d& wo, const Vec3d& wi, double alpha) {
-  const Vec3d h = normalize(wo + wi);
-  const double c2 = h.z * h.z, k = c2 * (alpha * alpha - 1) + 1;
-  const double d = alpha * alpha / (kPiD * k * k);
-  const double g2 = 1 / (1 + twinLambda(wo.z, alpha) + twinLambda(wi.z, alpha));
-  return d * g2 / (4 * wo.z);
-}
-double twinFresnel(double c, double n) {
-  const double s2 = (1 - c * c) / (n * n);
-  if (s2 >= 1) return 1;
-  const double t = std::sqrt(1 - s2);
-  const double rs = (c - n * t) / (c + n * t), rp = (t - n * c) / (t + n * c);
-  return 0.5 * (rs * rs + rp * rp);
-}
-
-// Integral over the upper hemisphere of f(wi), which is even in phi: midpoints in polar angles.
-template <class F>
-double integrateHemisphere(F f, int rings = 400, int angles = 400) {
-  double sum = 0;
-  for (int r = 0; r < rings; ++r) {
-    const double theta = 0.5 * kPiD * (r + 0.5) / rings, s = std::sin(theta);
-    for (int a = 0; a < angles; ++a) {
-      const double phi = kPiD * (a + 0.5) / angles;
-      sum += f(Vec3d{s * std::cos(phi), s * std::sin(phi), std::cos(theta)}) * s;
-    }
-  }
-  return sum * kPiD * kPiD / (double(rings) * angles);
-}
-
-Vec3f meanReflection(const Lobes& lobes, Vec3f wo, uint32_t count) {
-  Vec3d sum;
-  for (uint32_t i = 0; i < count; ++i) {
-    const Bounce b = sampleReflection(lobes, kUp, wo, Points(i, 1).u);
-    if (b.valid) sum += toDouble(b.weight);
-  }
-  return toFloat(sum / double(count));
-}
-Vec3f meanRefraction(const Lobes& lobes, Vec3f wo, uint32_t count) {
-  Vec3d sum;
-  for (uint32_t i = 0; i < count; ++i) {
-    const Bounce b = sampleRefraction(lobes, kUp, wo, Points(i, 2).u);
-    if (b.valid) sum += toDouble(b.weight);
-  }
-  return toFloat(sum / double(count));
-}
-// Albedo of the evaluated rough lobes, by their own sampling.
-Vec3f meanShadedSpecular(const Lobes& lobes, Vec3f wo, uint32_t count) {
-  const ShadedView view(lobes, {1, 1, 1}, kUp, wo, true);
-  Vec3d sum;
-  for (uint32_t i = 0; i < count && view.hasRoughLobe(); ++i) {
-    const Vec3f wi = view.sampleRoughLobe(Points(i, 3).u);
-    const float pdf = view.pdfRoughLobe(wi);
-    if (pdf > 0) sum += toDouble(view.evaluate(wi, false).specular / pdf);
-  }
-  return toFloat(sum / double(count));
-}
-// Everything that leaves towards wo in a white furnace.
-Vec3f furnace(const Surface& surface, bool back, Vec3f wo, uint32_t count) {
-  const Lobes lobes = surface.lobes(back);
-  const EffectWeights weights = effectWeights(lobes, wo.z, surface.viewWeight());
-  const Vec3f diffuse = ShadedView(lobes, {1, 1, 1}, kUp, wo, surface.viewWeight()).diffuse();
-  return meanReflection(lobes, wo, count) + meanRefraction(lobes, wo, count) + meanShadedSpecular(lobes, wo, count) +
-         diffuse * weights.absorption;
-}
 
 TEST(Fresnel, KnownValues) {
   EXPECT_NEAR(fresnelDielectric(1, 1.5f), 0.04f, 1e-6);
@@ -285,121 +163,173 @@ TEST(Bounce, NoChangeOfIndexGoesStraight) {
   }
 }
 
-TEST(Bounce, RoughWeightsIntegrateToAlbedo) {
-  for (float roughness : {0.15f, 0.3f}) {
-    for (float cos_theta : {0.2f, 0.6f, 1.0f}) {
-      const double alpha = double(roughness) * roughness;
-      const Vec3d wo = toDouble(viewAt(cos_theta));
-      const double albedo = integrateHemisphere(
-          [&](Vec3d wi) { return twinReflection(wo, wi, alpha) * twinFresnel(dot(wo, normalize(wo + wi)), 1.5); }, 1500,
-          1500);
-      const Lobes lobes = Surface().roughness(roughness).lobes();
-      ASSERT_TRUE(lobes.specular_traced);
-      EXPECT_NEAR(meanReflection(lobes, viewAt(cos_theta), 1 << 14).x / albedo, 1, 4e-3)
-          << roughness << ' ' << cos_theta;
-    }
+TEST(Opacity, CutOutPresenceAndTransparency) {
+  Surface surface = smooth().opacity(0.4f);
+  const Settings& settings = surface.settings;
+  Material& m = surface.material;
+  EXPECT_TRUE(feedsRefraction(m));
+  EXPECT_FALSE(m.hasPresence());
+  EXPECT_EQ(presence(m, 0.4f), 1);
+  EXPECT_TRUE(passesShadows(m, settings) && transmitsShadows(m, settings));
+  surface.settings.glass_shadows = GlassShadows::Opaque;
+  EXPECT_FALSE(passesShadows(m, settings) || transmitsShadows(m, settings));
+
+  m.opacity_mode = OpacityMode::Presence;
+  EXPECT_FALSE(feedsRefraction(m));
+  EXPECT_EQ(surface.lobes().opacity, 1);  // what is there is opaque
+  EXPECT_EQ(presence(m, 0.4f), 0.4f);
+  EXPECT_EQ(presence(m, -1), 0);
+  EXPECT_EQ(presence(m, 7), 1);
+  EXPECT_EQ(presence(m, std::numeric_limits<float>::quiet_NaN()), 1);
+  EXPECT_TRUE(passesShadows(m, settings));
+  EXPECT_FALSE(transmitsShadows(m, settings));
+  m.opacity.value = 1;
+  EXPECT_FALSE(passesShadows(m, settings));
+
+  m.opacity.value = 0.4f;
+  for (OpacityMode mode : {OpacityMode::Presence, OpacityMode::Transparent}) {
+    m.opacity_mode = mode;
+    m.opacity_threshold = 0.4f;
+    EXPECT_EQ(presence(m, 0.4f), 1);  // the threshold itself is there
+    EXPECT_EQ(presence(m, 0.39f), 0);
+    EXPECT_FALSE(feedsRefraction(m));
+    EXPECT_TRUE(passesShadows(m, settings));
+    EXPECT_EQ(surface.lobes().opacity, 1);
   }
 }
 
-TEST(Bounce, RoughRefractionObeysSnellAtTheMicrofacet) {
-  for (bool back : {false, true}) {
-    const Lobes lobes = Surface().roughness(0.6f).opacity(0).lobes(back);
-    const Vec3f wo = viewAt(0.8f);
-    int valid = 0;
-    for (uint32_t i = 0; i < 500; ++i) {
-      const Bounce b = sampleRefraction(lobes, kUp, wo, Points(i, 9).u);
-      if (!b.valid) continue;
-      ++valid;
-      EXPECT_NEAR(length(cross(b.direction, b.half_vector)) * lobes.eta, length(cross(wo, b.half_vector)), 1e-5);
-      EXPECT_NEAR(dot(cross(b.direction, b.half_vector), wo), 0, 1e-5);
-      EXPECT_LT(b.direction.z, 0);
-      EXPECT_LE(b.weight.x, 1);
+// opacity scales what is diffuse; the specular response stays.
+TEST(Opacity, InterfaceStaysWhereNothingIsDiffuse) {
+  for (float roughness : {0.0f, 0.2f})
+    for (float opacity : {1.0f, 0.5f, 0.0f}) {
+      const Lobes lobes = Surface().roughness(roughness).opacity(opacity).clearcoat(0.5f, 0).lobes();
+      const EffectWeights w = effectWeights(lobes, 0.7f, false);
+      const float expected =
+          effectWeights(Surface().roughness(roughness).clearcoat(0.5f, 0).lobes(), 0.7f, false).reflection.x;
+      EXPECT_NEAR(w.reflection.x, expected, roughness > 0 && opacity < 1 ? 0.03f : 1e-6f);
+      if (roughness > 0) continue;
+      EXPECT_NEAR(w.absorption.x, (1 - expected) * opacity, 1e-6);
+      EXPECT_NEAR(w.refraction.x, (1 - expected) * (1 - opacity), 1e-6);
     }
-    EXPECT_GT(valid, 300);
-  }
 }
 
-TEST(Albedo, TablesMatchQuadrature) {
-  for (float alpha : {0.01f, 0.09f, 0.25f, 0.49f, 1.0f}) {
-    for (float cos_theta : {0.03f, 0.1f, 0.35f, 0.72f, 0.97f}) {
-      for (float ior : {1.05f, 1.33f, 1.5f, 2.4f, 8.0f}) {
-        Lobes lobes;
-        lobes.alpha = alpha, lobes.eta = ior;
-        const float sampled = meanReflection(lobes, viewAt(cos_theta), 1 << 11).x;
-        EXPECT_NEAR(dielectricAlbedo(cos_theta, alpha, ior), sampled, 3e-3) << alpha << ' ' << cos_theta << ' ' << ior;
-        lobes.eta = 1 / ior;
-        EXPECT_GE(dielectricAlbedo(cos_theta, alpha, 1 / ior),
-                  meanReflection(lobes, viewAt(cos_theta), 1 << 11).x - 1e-3);
+TEST(Opacity, UsersShadersSetWhatTheirSourceNames) {
+  Surface surface = smooth();
+  surface.material.surface_shader = GlslShader{"/m/s", "s.glsl", "s.diffuse_color = vec3(1.0);", {}};
+  EXPECT_FALSE(feedsRefraction(surface.material));
+  EXPECT_TRUE(feedsReflection(surface.material, kLimit));
+  EXPECT_FALSE(surface.viewWeight());
+  surface.material.surface_shader->source = "s.opacity = 0.5; s.roughness = 0.1; s.emissive_color = vec3(1.0);";
+  EXPECT_TRUE(feedsRefraction(surface.material));
+  EXPECT_FALSE(feedsReflection(surface.material, kLimit));  // its largest roughness may be 1
+  EXPECT_TRUE(surface.viewWeight());
+}
+
+const InterfaceView kThin{false, true, 1};
+
+// The series of reflections within a sheet, pass by pass.
+TEST(Thin, SheetsSumReflections) {
+  for (float r : {0.0f, 0.04f, 0.5f, 0.99f})
+    for (float clear : {0.0f, 0.3f, 1.0f}) {
+      double reflected = double(r), transmitted = 0, inside = 1 - double(r);
+      for (int bounce = 0; bounce < 4000; ++bounce) {
+        inside *= double(clear);
+        (bounce % 2 == 0 ? transmitted : reflected) += inside * (1 - double(r));
+        inside *= double(r);
       }
-      Lobes lobes;
-      lobes.alpha = alpha, lobes.schlick = 1, lobes.f0 = {0.04f, 0.5f, 1};
-      const Vec3f sampled = meanReflection(lobes, viewAt(cos_theta), 1 << 11);
-      const Vec3f table = schlickAlbedo(cos_theta, alpha, lobes.f0, 1);
-      for (int k = 0; k < 3; ++k) EXPECT_NEAR(table[k], sampled[k], 3e-3) << alpha << ' ' << cos_theta;
+      EXPECT_NEAR(sheetOf(r, clear).reflected, reflected, 1e-5) << r << ' ' << clear;
+      EXPECT_NEAR(sheetOf(r, clear).transmitted, transmitted, 1e-5) << r << ' ' << clear;
     }
+  EXPECT_EQ(sheetOf(1, 1).reflected, 1);
+  EXPECT_EQ(sheetOf(1, 1).transmitted, 0);
+}
+
+TEST(Thin, StraightOnAndAlikeFromBothSides) {
+  for (float ior : {1.5f, 1 / 1.5f, 1.0f})
+    for (float opacity : {0.0f, 0.5f})
+      for (float cos_theta : {0.05f, 0.5f, 1.0f}) {
+        const Surface surface = smooth().ior(ior).opacity(opacity).clearcoat(0.3f, 0);
+        const Lobes front = surface.lobes(kThin), back = surface.lobes(InterfaceView{true, true, 1});
+        const Vec3f wo = viewAt(cos_theta);
+        const EffectWeights w = effectWeights(front, cos_theta, false);
+        EXPECT_EQ(w.refraction, effectWeights(back, cos_theta, false).refraction);
+        EXPECT_EQ(w.reflection, effectWeights(back, cos_theta, false).reflection);
+        EXPECT_NEAR(w.reflection.x + w.refraction.x + w.absorption.x, 1, 1e-6);
+        const Bounce b = sampleRefraction(back, kUp, wo, Points(1, 1).u);
+        ASSERT_TRUE(b.valid);  // never total reflection
+        EXPECT_NEAR(length(b.direction + wo), 0, 1e-6);
+        EXPECT_EQ(b.weight, w.refraction);
+        EXPECT_EQ(front.bendEta(), 1);
+        EXPECT_EQ(straightTransmittance(front, cos_theta), w.refraction);
+      }
+  // Glass: two surfaces that reflect 4 % each.
+  const EffectWeights w = effectWeights(smooth().opacity(0).lobes(kThin), 1, false);
+  EXPECT_NEAR(w.reflection.x, 2 * 0.04 / 1.04, 1e-6);
+  EXPECT_NEAR(w.refraction.x, 0.96 / 1.04, 1e-6);
+  // Opaque where opacity says so: one surface.
+  Surface opaque = smooth().opacity(0.5f);
+  opaque.inputs.opacity = 1;
+  EXPECT_NEAR(effectWeights(opaque.lobes(kThin), 1, false).reflection.x, 0.04, 1e-6);
+  EXPECT_EQ(smooth().lobes(kThin).thin, false);  // cannot transmit
+}
+
+TEST(Thin, RoughSheetsSpreadAboutStraightOn) {
+  const Vec3f wo = viewAt(0.7f);
+  float last = 0;
+  for (float roughness : {0.2f, 0.5f, 0.9f}) {
+    const Lobes lobes = Surface().roughness(roughness).opacity(0).lobes(kThin);
+    float spread = 0;
+    for (uint32_t i = 0; i < 512; ++i) {
+      const Bounce b = sampleRefraction(lobes, kUp, wo, Points(i, 4).u);
+      if (!b.valid) continue;
+      EXPECT_LT(b.direction.z, 0);
+      spread += length(b.direction + wo) / 512;
+    }
+    EXPECT_GT(spread, 1.5f * last);
+    last = spread;
   }
+  EXPECT_LT(last, 0.6f);
 }
 
-TEST(Energy, NeverGrows) {
-  for (float roughness : {0.0f, 0.1f, 0.3f, 0.31f, 0.5f, 1.0f})
-    for (float ior : {1.0f, 1.2f, 1.5f, 5.0f})
-      for (float metallic : {0.0f, 0.5f, 1.0f})
-        for (float opacity : {1.0f, 0.3f})
-          for (bool back : {false, true})
-            for (float cos_theta : {0.02f, 0.15f, 0.5f, 0.75f, 1.0f}) {
-              const Surface surface = Surface().roughness(roughness).ior(ior).metallic(metallic).opacity(opacity);
-              const Vec3f sum = furnace(surface, back, viewAt(cos_theta), 1024);
-              EXPECT_LE(sum.x, 1 + 1e-3) << "roughness " << roughness << " ior " << ior << " metallic " << metallic
-                                         << " opacity " << opacity << " back " << back << " cos " << cos_theta;
-            }
-}
-
-TEST(Energy, NeverGrowsUnderClearcoatAndInTheSpecularWorkflow) {
-  for (float roughness : {0.0f, 0.2f, 0.5f, 1.0f})
-    for (float coat_roughness : {0.0f, 0.2f, 0.6f})
-      for (float cos_theta : {0.05f, 0.5f, 1.0f})
-        for (float f0 : {0.0f, 1.0f})
-          for (int body = 0; body < 3; ++body) {  // opaque; half transparent from outside, from inside
-            const float opacity = body == 0 ? 1 : 0.3f;
-            const Surface surface =
-                Surface().roughness(roughness).specular({f0, f0, f0}).clearcoat(1, coat_roughness).opacity(opacity);
-            const Vec3f sum = furnace(surface, body == 2, viewAt(cos_theta), 1 << 13);
-            EXPECT_LE(sum.x, 1 + 1e-3) << "roughness " << roughness << " coat " << coat_roughness << " f0 " << f0
-                                       << " body " << body << " cos " << cos_theta;
-          }
-}
-
-TEST(Energy, WhiteDielectricsStayWhite) {
-  // Smooth: exactly. Rough over diffuse: what microfacets lose goes to the diffuse lobe.
-  for (float cos_theta : {0.05f, 0.5f, 1.0f}) {
-    for (bool back : {false, true})
-      EXPECT_NEAR(furnace(smooth().opacity(0), back, viewAt(cos_theta), 4).x, 1, 1e-6) << cos_theta;
-    EXPECT_NEAR(furnace(smooth().opacity(0.4f), true, viewAt(cos_theta), 4).x, 1, 1e-6) << cos_theta;
-    EXPECT_NEAR(furnace(smooth().clearcoat(0.7f, 0), false, viewAt(cos_theta), 4).x, 1, 1e-6) << cos_theta;
-    for (float roughness : {0.2f, 0.5f, 1.0f})
-      EXPECT_NEAR(furnace(Surface().roughness(roughness), false, viewAt(cos_theta), 1 << 12).x, 1, 3e-3) << roughness;
+TEST(Nested, IndicesAreRelative) {
+  const Surface glass = smooth().opacity(0);
+  EXPECT_FLOAT_EQ(glass.lobes(InterfaceView{false, false, 1.33f}).eta, 1.5f / 1.33f);
+  EXPECT_FLOAT_EQ(glass.lobes(InterfaceView{true, false, 1.33f}).eta, 1.33f / 1.5f);
+  EXPECT_FLOAT_EQ(glass.lobes(InterfaceView{false, true, 3}).eta, 2);  // sheets: from the rarer side
+  // No interface between equals: everything goes straight on.
+  for (bool back : {false, true}) {
+    const Lobes none = Surface().roughness(0.4f).opacity(0).lobes(InterfaceView{back, false, 1.5f});
+    EXPECT_EQ(none.eta, 1);
+    const Bounce b = sampleRefraction(none, kUp, viewAt(0.3f), Points(2, 3).u);
+    EXPECT_EQ(b.direction, -viewAt(0.3f));
+    EXPECT_EQ(b.weight, (Vec3f{1, 1, 1}));
+    EXPECT_EQ(effectWeights(none, 0.3f, false).reflection, (Vec3f{}));
   }
+  // Materials that cannot transmit have no inside, but see what they lie in.
+  EXPECT_FLOAT_EQ(smooth().lobes(InterfaceView{true, false, 1.33f}).eta, 1.5f / 1.33f);
+  EXPECT_EQ(glass.lobes(InterfaceView{false, false, std::numeric_limits<float>::quiet_NaN()}).eta, 1.5f);
 }
 
-TEST(Shaded, MatchesTwinAndIsReciprocal) {
-  const Lobes lobes = Surface().roughness(0.6f).lobes();
-  ASSERT_FALSE(lobes.specular_traced);
-  for (uint32_t k = 0; k < 200; ++k) {
-    const Vec2f a = sobol2(k, 11), b = sobol2(k, 12);
-    const auto direction = [](Vec2f u) {
-      const float z = 0.02f + 0.98f * u.x, s = std::sqrt(1 - z * z);
-      return Vec3f{s * std::cos(2 * kPi * u.y), s * std::sin(2 * kPi * u.y), z};
-    };
-    const Vec3f wo = direction(a), wi = direction(b);
-    const float there = evaluateShaded(lobes, {1, 1, 1}, kUp, wo, wi, true, false).specular.x / wi.z;
-    const float back = evaluateShaded(lobes, {1, 1, 1}, kUp, wi, wo, true, false).specular.x / wo.z;
-    EXPECT_NEAR(there / back, 1, 1e-4);
-    const Vec3d o = toDouble(wo), i = toDouble(wi);
-    const double twin = twinReflection(o, i, double(lobes.alpha)) * twinFresnel(dot(o, normalize(o + i)), 1.5);
-    EXPECT_NEAR(there * wi.z / twin, 1, 1e-4);
+TEST(StraightTransmittance, WhatInterfacesLeave) {
+  const float c = 0.4f, r = fresnelDielectric(c, 1.5f);
+  for (bool back : {false, true}) {  // from the inside too it is seen from outside
+    const Lobes lobes = smooth().opacity(0.25f).lobes(back);
+    EXPECT_NEAR(straightTransmittance(lobes, c).x, (1 - r) * 0.75f, 1e-6);
+    EXPECT_NEAR(straightTransmittance(lobes, -c).x, (1 - r) * 0.75f, 1e-6);
   }
-  EXPECT_EQ(evaluateShaded(lobes, {1, 1, 1}, kUp, kUp, {0, 0.6f, -0.8f}, true, true).specular, (Vec3f{}));
-  EXPECT_EQ(evaluateShaded(lobes, {1, 1, 1}, kUp, kUp, {0, 0.6f, -0.8f}, true, true).diffuse, (Vec3f{}));
+  EXPECT_EQ(straightTransmittance(smooth().lobes(), c), (Vec3f{}));
+  EXPECT_EQ(straightTransmittance(smooth().opacity(0).metallic(1).lobes(), c), (Vec3f{}));
+  EXPECT_NEAR(straightTransmittance(smooth().opacity(0).metallic(0.5f).lobes(), c).x, (1 - r) * 0.5f, 1e-6);
+  EXPECT_NEAR(straightTransmittance(smooth().opacity(0).clearcoat(1, 0).lobes(), 1).x, 0.96f * 0.96f, 1e-6);
+  const Vec3f tinted = straightTransmittance(smooth().opacity(0).specular({0, 0.5f, 1}).lobes(), 1);
+  EXPECT_NEAR(tinted.x, 1, 1e-6);
+  EXPECT_NEAR(tinted.y, 0.5, 1e-6);
+  EXPECT_NEAR(tinted.z, 0, 1e-6);
+  for (float roughness : {0.3f, 1.0f}) {
+    const float t = straightTransmittance(Surface().roughness(roughness).opacity(0).lobes(), c).x;
+    EXPECT_GT(t, 0.8f);
+    EXPECT_LE(t, 1);
+  }
 }
 
 TEST(Shaded, TracedLobesOnlyOnRequest) {
@@ -415,75 +345,46 @@ TEST(Shaded, TracedLobesOnlyOnRequest) {
   EXPECT_GT(both, 1.5f * coat_only);
 }
 
-// The density integrates to the share of samples that leave upwards, and histograms agree with it.
-TEST(Shaded, RoughLobeSamplingMatchesItsDensity) {
-  const Surface surfaces[] = {Surface().roughness(0.5f), Surface().roughness(1),
-                              Surface().roughness(0.7f).clearcoat(1, 0.4f)};
-  for (const Surface& surface : surfaces) {
-    const Lobes lobes = surface.lobes();
-    for (float cos_theta : {0.15f, 0.9f}) {
-      const Vec3f wo = viewAt(cos_theta);
-      constexpr int kRings = 8, kSectors = 8;
-      constexpr uint32_t kSamples = 1 << 15;
-      std::vector<double> expected(kRings * kSectors), counted(kRings * kSectors);
-      constexpr int kFine = 60;
-      for (int r = 0; r < kRings * kFine; ++r)
-        for (int s = 0; s < kSectors * kFine; ++s) {
-          const double z = (r + 0.5) / (kRings * kFine), phi = 2 * kPiD * (s + 0.5) / (kSectors * kFine);
-          const double sine = std::sqrt(1 - z * z);
-          const Vec3f wi{float(sine * std::cos(phi)), float(sine * std::sin(phi)), float(z)};
-          expected[size_t(r / kFine * kSectors + s / kFine)] +=
-              double(pdfRoughLobe(lobes, kUp, wo, wi)) * 2 * kPiD / (kRings * kFine * kSectors * kFine);
+// Whatever texture and view say, weights stay finite and energy below 1.
+TEST(Lobes, BadNumbersStayFinite) {
+  const float nan = std::numeric_limits<float>::quiet_NaN(), inf = std::numeric_limits<float>::infinity();
+  for (float bad : {nan, inf, -inf, -1.0f, 1e30f, 0.0f, 1e-20f, 1e-3f}) {
+    Surface surface = Surface().roughness(0.5f);
+    surface.material.opacity.node = surface.material.ior.node = 0;
+    surface.inputs = {{bad, bad, bad}, {bad, bad, bad}, bad, bad, bad, bad, bad, bad, {bad, bad, bad}};
+    for (bool specular : {false, true})
+      for (int view = 0; view < 8; ++view)
+        for (float cos_theta : {1e-6f, 0.5f, 1.0f}) {
+          surface.material.use_specular_workflow = specular;
+          surface.settings.roughness_limit = view & 1 ? 1.0f : kLimit;
+          const Lobes lobes = surface.lobes(InterfaceView{(view & 2) != 0, (view & 4) != 0, bad});
+          const EffectWeights weights = effectWeights(lobes, nan, false);
+          EXPECT_LE(maxComponent(weights.reflection + weights.refraction + weights.absorption), 1.12f);
+          EXPECT_TRUE(isFinite(weights.reflection + weights.refraction + weights.absorption));
+          EXPECT_LE(maxComponent(straightTransmittance(lobes, bad)), 1.0001f);
+          EXPECT_TRUE(isFinite(straightTransmittance(lobes, bad)));
+          const Vec3f wo = viewAt(cos_theta);
+          for (uint32_t i = 0; i < 8; ++i) {
+            const Points u(i, 1);
+            const Bounce r = sampleReflection(lobes, kUp, wo, u.u), t = sampleRefraction(lobes, kUp, wo, u.u);
+            EXPECT_TRUE(isFinite(r.weight) && isFinite(r.direction));
+            EXPECT_TRUE(isFinite(t.weight) && isFinite(t.direction));
+          }
+          const ShadedResponse r = evaluateShaded(lobes, {bad, bad, bad}, kUp, wo, kUp, true, true);
+          EXPECT_TRUE(isFinite(r.diffuse) && isFinite(r.specular));
         }
-      uint32_t below = 0;
-      for (uint32_t i = 0; i < kSamples; ++i) {
-        const auto h = pcg4d(i, 1, 2, 3);
-        const float u[3] = {toUnit(h[0]), toUnit(h[1]), toUnit(h[2])};
-        const Vec3f wi = sampleRoughLobe(lobes, kUp, wo, u);
-        if (wi == Vec3f{}) {
-          ++below;
-          continue;
-        }
-        const double phi = std::atan2(double(wi.y), double(wi.x)) + (wi.y < 0 ? 2 * kPiD : 0);
-        const int ring = std::min(int(wi.z * kRings), kRings - 1);
-        const int sector = std::min(int(phi / (2 * kPiD) * kSectors), kSectors - 1);
-        counted[size_t(ring * kSectors + sector)] += 1;
-      }
-      double total = double(below) / kSamples, chi2 = 0;
-      int cells = 0;
-      for (size_t k = 0; k < expected.size(); ++k) {
-        total += expected[k];
-        const double n = expected[k] * kSamples;
-        if (n < 10) continue;
-        chi2 += (counted[k] - n) * (counted[k] - n) / n;
-        ++cells;
-      }
-      EXPECT_NEAR(total, 1, 0.01) << cos_theta;
-      // 64 cells: mean cells, deviation sqrt(2 cells); five deviations.
-      EXPECT_LT(chi2, cells + 5 * std::sqrt(2.0 * cells)) << cos_theta;
-    }
   }
 }
 
-TEST(Lobes, BadNumbersStayFinite) {
-  const float nan = std::numeric_limits<float>::quiet_NaN(), inf = std::numeric_limits<float>::infinity();
-  for (float bad : {nan, inf, -inf, -1.0f, 1e30f}) {
-    Surface surface = Surface().roughness(0.5f);
-    surface.material.opacity.node = surface.material.ior.node = 0;
-    surface.inputs = {{bad, bad, bad}, {bad, bad, bad}, bad, bad, bad, bad, bad, bad};
-    for (bool specular : {false, true})
-      for (bool back : {false, true}) {
-        surface.material.use_specular_workflow = specular;
-        const Lobes lobes = surface.lobes(back);
-        const EffectWeights weights = effectWeights(lobes, nan, false);
-        EXPECT_LE(maxComponent(weights.reflection + weights.refraction + weights.absorption), 1.001f);
-        const Points u(1, 1);
-        EXPECT_TRUE(isFinite(sampleReflection(lobes, kUp, viewAt(0.5f), u.u).weight));
-        EXPECT_TRUE(isFinite(sampleRefraction(lobes, kUp, viewAt(0.5f), u.u).weight));
-        const ShadedResponse r = evaluateShaded(lobes, {bad, bad, bad}, kUp, viewAt(0.5f), kUp, true, true);
-        EXPECT_TRUE(isFinite(r.diffuse) && isFinite(r.specular));
-      }
-  }
+TEST(Lobes, NaNIsTheSpecificationsDefault) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const Lobes lobes = Surface().roughness(nan).ior(nan).opacity(nan).metallic(nan).clearcoat(nan, nan).lobes();
+  EXPECT_EQ(lobes.alpha, 0.25f);
+  EXPECT_EQ(lobes.eta, 1.5f);
+  EXPECT_EQ(lobes.opacity, 1);
+  EXPECT_EQ(lobes.metallic, 0);
+  EXPECT_EQ(lobes.clearcoat, 0);
+  EXPECT_FALSE(feedsRefraction(Surface().opacity(nan).material));
 }
 
 }  // namespace

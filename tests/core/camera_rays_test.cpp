@@ -12,6 +12,8 @@ Settings film(uint32_t width, uint32_t height) {
   return settings;
 }
 
+CameraRays::Sample at(float x, float y) { return {x, y, 0, 0}; }
+
 // The definition in camera.h, in double precision.
 Vec3d expectedDirection(const Camera& camera, const Settings& settings, double x, double y) {
   const double ndc_x = 2 * x / settings.width - 1, ndc_y = 1 - 2 * y / settings.height;
@@ -32,11 +34,11 @@ Camera skewed() {
 TEST(CameraRays, LookAlongMinusZWithYDown) {
   const Camera camera;
   const CameraRays rays(camera, film(200, 100));
-  const Ray middle = rays.ray(100, 50);
+  const Ray middle = rays.ray(at(100, 50));
   EXPECT_EQ(middle.direction, (Vec3f{0, 0, -1}));
-  EXPECT_GT(rays.ray(200, 50).direction.x, 0.4f);
-  EXPECT_GT(rays.ray(100, 0).direction.y, 0.4f);
-  EXPECT_LT(rays.ray(100, 100).direction.y, -0.4f);
+  EXPECT_GT(rays.ray(at(200, 50)).direction.x, 0.4f);
+  EXPECT_GT(rays.ray(at(100, 0)).direction.y, 0.4f);
+  EXPECT_LT(rays.ray(at(100, 100)).direction.y, -0.4f);
   EXPECT_EQ(rays.depth({5, 6, -7}), 7);
 }
 
@@ -47,7 +49,7 @@ TEST(CameraRays, AgreeWithTheDefinitionForAnyTransform) {
     test::Stream stream(3);
     for (int i = 0; i < 1000; ++i) {
       const float x = stream.next(0, 4096), y = stream.next(0, 1717);
-      const Ray ray = rays.ray(x, y);
+      const Ray ray = rays.ray(at(x, y));
       EXPECT_LT(length(toDouble(ray.direction) - expectedDirection(camera, settings, double(x), double(y))), 3e-7);
       EXPECT_EQ(ray.origin, toFloat(camera.to_world.origin));
     }
@@ -60,7 +62,7 @@ TEST(CameraRays, ClippingPlanesArePlanes) {
     const CameraRays rays(camera, film(64, 48));
     test::Stream stream(4);
     for (int i = 0; i < 200; ++i) {
-      const Ray ray = rays.ray(stream.next(0, 64), stream.next(0, 48));
+      const Ray ray = rays.ray(at(stream.next(0, 64), stream.next(0, 48)));
       EXPECT_NEAR(rays.depth(ray.origin + ray.direction * ray.tnear), 2, 1e-5);
       EXPECT_NEAR(rays.depth(ray.origin + ray.direction * ray.tfar), 50, 1e-4);
     }
@@ -71,16 +73,16 @@ TEST(CameraRays, PacketsHoldTheSameRays) {
   for (Camera camera : {Camera{}, skewed()}) {
     camera.near_clip = 0.5f, camera.far_clip = 80;
     const CameraRays rays(camera, film(4000, 3000));
-    EXPECT_EQ(rays.origin(), rays.ray(1, 2).origin);
+    EXPECT_EQ(rays.origin(), rays.ray(at(1, 2)).origin);
     test::Stream stream(6);
     for (int round = 0; round < 50; ++round) {
       PacketLanes<float> x, y, depth;
       for (uint32_t i = 0; i < kPacketWidth; ++i) x[i] = stream.next(0, 4000), y[i] = stream.next(0, 3000);
       RayPacket packet;
-      rays.rays(x, y, packet);
+      rays.rays(x, y, nullptr, nullptr, packet);
       HitPacket hits{};
       for (uint32_t i = 0; i < kPacketWidth; ++i) {
-        const Ray ray = rays.ray(x[i], y[i]);
+        const Ray ray = rays.ray(at(x[i], y[i]));
         EXPECT_EQ(ray.direction, (Vec3f{packet.dx[i], packet.dy[i], packet.dz[i]}));
         EXPECT_EQ(ray.tnear, packet.tnear[i]);
         EXPECT_EQ(ray.tfar, packet.tfar[i]);
@@ -88,7 +90,7 @@ TEST(CameraRays, PacketsHoldTheSameRays) {
       }
       rays.depths(packet, hits, depth);
       for (uint32_t i = 0; i < kPacketWidth; ++i) {
-        const Ray ray = rays.ray(x[i], y[i]);
+        const Ray ray = rays.ray(at(x[i], y[i]));
         EXPECT_EQ(depth[i],
                   i % 4 ? rays.depth(ray.origin + ray.direction * hits.t[i]) : std::numeric_limits<float>::infinity());
       }
@@ -103,8 +105,10 @@ TEST(CameraRays, DifferentialsAgreeWithFiniteDifferences) {
     test::Stream stream(5);
     for (int i = 0; i < 200; ++i) {
       const float x = stream.next(0, 64), y = stream.next(0, 48);
-      Vec3f dddx, dddy;
-      rays.differential(x, y, dddx, dddy);
+      Vec3f dpdx, dpdy, dddx, dddy;
+      rays.differential(at(x, y), dpdx, dpdy, dddx, dddy);
+      EXPECT_EQ(dpdx, Vec3f{});
+      EXPECT_EQ(dpdy, Vec3f{});
       const double h = 1e-3, px = double(x), py = double(y);
       const Vec3d fx =
           (expectedDirection(camera, settings, px + h, py) - expectedDirection(camera, settings, px - h, py)) / (2 * h);

@@ -37,7 +37,7 @@ TEST(Projection, IsTheInverseOfCameraRays) {
   const CameraRays rays(camera, settings);
   const Projection projection(camera, settings);
   for (const Vec2f film : {Vec2f{0, 0}, {320, 180}, {639.5f, 12.25f}, {77, 359}}) {
-    const Ray ray = rays.ray(film.x, film.y);
+    const Ray ray = rays.ray(CameraRays::Sample{film.x, film.y, 0, 0});
     const Vec2f back = projection.film(ray.origin + ray.direction * 12.5f);
     EXPECT_NEAR(back.x, film.x, 1e-3f);
     EXPECT_NEAR(back.y, film.y, 1e-3f);

@@ -26,7 +26,7 @@ Scene sceneOf(Mesh mesh, const std::vector<Affine3d>& transforms) {
   Scene scene;
   scene.meshes = {std::move(mesh)};
   scene.prototypes = {{"/World/Prototype", {0}}};
-  for (const Affine3d& transform : transforms) scene.instances.push_back({"/World/Instance", 0, transform, -1});
+  for (const Affine3d& transform : transforms) scene.instances.push_back({"/World/Instance", 0, transform, {}});
   return scene;
 }
 

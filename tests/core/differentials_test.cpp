@@ -138,6 +138,117 @@ TEST(Differentials, FootprintThroughAGlassBall) {
   expectAccurate(footprintErrors(world, Layer::Refraction, target), 2e-2, 1e-1);
 }
 
+// A magnifying glass: what the camera's lens sees through a ball, lens point and all.
+TEST(Differentials, FootprintThroughAMagnifierAndALens) {
+  for (const bool orthographic : {false, true}) {
+    World world;
+    world.settings.max_bounces = 2;
+    Camera& camera = world.stage.scene.camera;
+    camera.lens_radius = 0.1f, camera.focus_distance = 5;
+    if (orthographic) camera.projection = Camera::Projection::Orthographic, camera.half_tangent = {1.2f, 1.2f};
+    world.stage.add(test::sphere(60), kGlass, test::translation({0, 0, -4}));
+    const uint32_t target = world.stage.add(wall(-6, 100), kMatte);
+    world.build();
+    expectAccurate(footprintErrors(world, Layer::Refraction, target), 2e-2, 1e-1);
+  }
+}
+
+TEST(Differentials, FootprintOfAnOrthographicCamera) {
+  World world;
+  Camera& camera = world.stage.scene.camera;
+  camera.projection = Camera::Projection::Orthographic, camera.half_tangent = {2, 2};
+  const uint32_t target = world.stage.add(wall(-5, 50), kMatte, test::rotation({0, 1, 0}, 0.9));
+  world.build();
+  expectAccurate(footprintErrors(world, Layer::Direct, target), 2e-3, 5e-3);
+}
+
+// A sheet passes footprints straight on.
+TEST(Differentials, FootprintThroughAThinSheet) {
+  World world;
+  world.settings.max_bounces = 1;
+  world.stage.add(wall(-3, 50), kGlass, test::rotation({0, 1, 0}, 0.5));
+  world.stage.scene.meshes[0].thin_walled = true;
+  const uint32_t target = world.stage.add(wall(-9, 100), kMatte);
+  world.build();
+  Batch batch = film(world, 4);
+  follow(world, Layer::Refraction, batch);
+  size_t through = 0;
+  for (size_t i = 0; i < batch.vertices.size(); ++i) {
+    const PathVertex& v = batch.vertices[i];
+    if (!v.hit.valid()) continue;
+    EXPECT_EQ(v.hit.instance, target);
+    EXPECT_LT(length(v.direction - direction(world, batch.first[i])), 1e-6f);
+    ++through;
+  }
+  EXPECT_EQ(through, batch.vertices.size());
+  expectAccurate(footprintErrors(world, Layer::Refraction, target), 5e-3, 2e-2);
+}
+
+// Widths add in squares along the principal axes, and nothing else changes.
+TEST(Differentials, RoughLobesWidenSpreads) {
+  Stream stream(4);
+  for (int i = 0; i < 300; ++i) {
+    const Vec3f d = stream.onSphere();
+    const auto across = [&] {
+      const Vec3f v = stream.inCube(1);
+      return v - d * dot(v, d);
+    };
+    const Spread spread{across() * 0.1f, i % 3 ? across() * 0.01f : Vec3f{}};
+    const float width = stream.next(0, 0.2f);
+    const Spread wide = widened(spread, d, width);
+    // A Aᵀ grows by width² times the identity.
+    const Basis basis(d);
+    const auto square = [&](const Spread& s, Vec3f p, Vec3f q) {
+      return double(dot(s.x, p)) * double(dot(s.x, q)) + double(dot(s.y, p)) * double(dot(s.y, q));
+    };
+    const double w2 = double(width) * double(width);
+    EXPECT_NEAR(square(wide, basis.t, basis.t), square(spread, basis.t, basis.t) + w2, 1e-6);
+    EXPECT_NEAR(square(wide, basis.b, basis.b), square(spread, basis.b, basis.b) + w2, 1e-6);
+    EXPECT_NEAR(square(wide, basis.t, basis.b), square(spread, basis.t, basis.b), 1e-6);
+    EXPECT_NEAR(dot(wide.x, d), 0, 1e-6);
+    // Aᵀ A keeps its axes: without a width, all stays.
+    const Spread same = widened(spread, d, 1e-7f);
+    EXPECT_LT(length(same.x - spread.x) + length(same.y - spread.y), 1e-5f);
+    EXPECT_EQ(widened(spread, d, 0).x, spread.x);
+  }
+  EXPECT_NEAR(length(widened({}, {0, 0, 1}, 0.3f).x), 0.3, 1e-6);
+}
+
+// In a rough mirror a sample stands for its part of the lobe: the footprint is that wide, and no wider.
+TEST(Differentials, FootprintInARoughMirrorIsItsPartOfTheLobe) {
+  World world;
+  Material rough = mirror();
+  rough.roughness = {0.3f};
+  world.stage.scene.materials[kMirror] = rough;
+  world.settings.roughness_limit = 0.5f;
+  DicedMesh back;
+  test::addQuad(back, {90, -90, 5}, {-90, -90, 5}, {-90, 90, 5}, {90, 90, 5});
+  world.stage.add(wall(-5, 50), kMirror);
+  const uint32_t target = world.stage.add(back, kMatte);
+  world.build();
+  Batch batch = film(world, 4);
+  std::vector<double> sizes[2];
+  for (const uint32_t samples : {2u, 8u}) {
+    world.settings.samples = samples;
+    follow(world, Layer::Reflection, batch);
+    for (const PathVertex& v : batch.vertices)
+      if (v.hit.valid() && v.hit.instance == target && v.direction.z > 0.98f)
+        sizes[samples == 8].push_back(std::sqrt(double(length(cross(v.dpdx, v.dpdy)))));
+  }
+  ASSERT_GT(sizes[0].size(), 500u);
+  // Five units to the mirror, ten back from it. A half-angle of alpha would be the lobe's, were it that of a cone.
+  const double width = 2 * std::sqrt(M_PI) * 0.09, pixel = 0.6 / 32;
+  const double expected = 5 * pixel + 10 * std::hypot(pixel, width / 2);
+  double mean[2] = {0, 0};
+  for (int k : {0, 1}) {
+    for (const double s : sizes[k]) mean[k] += s;
+    mean[k] /= double(sizes[k].size());
+  }
+  EXPECT_NEAR(mean[0], expected, 0.05 * expected);
+  EXPECT_GT(mean[0] / mean[1], 2);
+  EXPECT_LT(mean[0] / mean[1], 4);
+}
+
 TEST(Differentials, StayFiniteInAHallOfMirrorBalls) {
   World world;
   Stream stream(8);

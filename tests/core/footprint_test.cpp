@@ -78,7 +78,7 @@ TEST(Samples, AreThePathsValues) {
     std::vector<Vec3f> throughput(n);
     std::vector<float> footprint(n, -1);
     const uint64_t on_surface = tracePaths(world.context(), world.camera(), layer, batch.first, batch.ends,
-                                           batch.vertices, {key, uv, throughput, footprint});
+                                           batch.vertices, {key, uv, throughput, footprint, {}});
     uint64_t valid = 0;
     for (size_t i = 0; i < n; ++i) {
       const PathVertex& v = batch.vertices[i];

@@ -7,6 +7,8 @@
 #include <limits>
 
 #include "core/scene/random.h"
+#include "core/shade/light_set.h"
+#include "shapes.h"
 
 namespace encore {
 namespace {
@@ -215,6 +217,9 @@ TEST(Lights, FarFromTheOriginNothingIsLost) {
 }
 
 TEST(Lights, NearestIsSeenAndInfiniteOnesAddUp) {
+  test::Stage stage;
+  const TraceScene trace(stage.scene, stage.diced);
+  const LightSet set(stage.scene, {}, trace);
   std::vector<Light> lights = {rect({0, 0, 5}, {1, 0, 0}, {0, 1, 0}),
                                sphere({0, 0, 3}, 1),
                                dome(),
@@ -225,20 +230,20 @@ TEST(Lights, NearestIsSeenAndInfiniteOnesAddUp) {
   lights[1].specular = 0.5f;
   lights[3].specular = 0;
   const Vec3f p{0, 0, 0}, up{0, 0, 1};
-  const LightHit hit = intersectLights(lights, p, up, kInfinity);
+  const LightHit hit = intersectLights(set, lights, p, up, kInfinity);
   EXPECT_TRUE(hit.valid);
   EXPECT_EQ(hit.radiance.x, 2);
   EXPECT_EQ(hit.specular_radiance.x, 1);
   EXPECT_NEAR(hit.t, 2, 1e-6);
-  EXPECT_FALSE(intersectLights(lights, p, up, 1.5f).valid);  // a surface in front of them
-  const LightHit beside = intersectLights(lights, {1.5f, 0, 0}, up, kInfinity);
+  EXPECT_FALSE(intersectLights(set, lights, p, up, 1.5f).valid);  // a surface in front of them
+  const LightHit beside = intersectLights(set, lights, {1.5f, 0, 0}, up, kInfinity);
   EXPECT_EQ(beside.radiance.x, 4 + 8 + 16);
   EXPECT_EQ(beside.specular_radiance.x, 4 + 16);
   EXPECT_EQ(beside.t, kInfinity);
-  EXPECT_FALSE(intersectLights(lights, {1.5f, 0, 0}, up, 100).valid);
-  const LightHit down = intersectLights(lights, p, -up, kInfinity);
+  EXPECT_FALSE(intersectLights(set, lights, {1.5f, 0, 0}, up, 100).valid);
+  const LightHit down = intersectLights(set, lights, p, -up, kInfinity);
   EXPECT_EQ(down.radiance.x, 4 + 8);
-  EXPECT_FALSE(intersectLights({}, p, up, kInfinity).valid);
+  EXPECT_FALSE(intersectLights(set, {}, p, up, kInfinity).valid);
 }
 
 }  // namespace

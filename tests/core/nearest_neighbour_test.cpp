@@ -3,6 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <limits>
+#include <random>
+
 #include "core/reuse/trees.h"
 #include "core/scene/error.h"
 #include "tests/core/twins/nearest_neighbour_twin.h"
@@ -53,6 +56,44 @@ class NearestNeighbourTest : public testing::Test {
   float footprint_weight_ = 0;
   twin::Footprints footprints_ = twin::Footprints::kEqual;
 };
+
+// Time and direction as parts of the distance (§5), with and without the metric, and what is no number among them.
+TEST_F(NearestNeighbourTest, FurtherCoordinates) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<float> unit(-1, 1);
+  const auto aspects = [&](size_t count, float scale) {
+    std::vector<Vec4f> values(count);
+    for (Vec4f& a : values)
+      a = {scale * unit(random), scale * unit(random), scale * unit(random), scale * unit(random)};
+    if (count > 40) {
+      values[3].x = std::numeric_limits<float>::quiet_NaN();
+      values[11].w = std::numeric_limits<float>::infinity();
+    }
+    return values;
+  };
+  for (const float weight : {0.0f, 0.5f})
+    for (const float scale : {0.0f, 0.01f, 1.0f, 1e6f}) {
+      twin::Cloud cloud = maker_.onOnePrimitive(700);
+      cloud.samples.aspects = aspects(cloud.samples.keys.size(), scale);
+      maker_.giveFootprints(cloud.samples, twin::Footprints::kEqual);
+      const ShadingSamples shading = twin::uploadShading(*device_, cloud.samples);  // stays: trees refer to it
+      const Trees trees = kernels_.build(shading, weight);
+      const twin::NearestNeighbour expected(cloud.samples, weight);
+      twin::Samples queries = maker_.queries(cloud.samples, 2001, true);
+      maker_.giveFootprints(queries, twin::Footprints::kEqual);
+      queries.aspects = aspects(queries.keys.size(), scale);
+      for (NearestNeighbour* search : {&grouped_, &single_}) {
+        const std::vector<uint32_t> ids = found(*search, trees, queries);
+        for (size_t i = 0; i < queries.keys.size(); ++i)
+          ASSERT_EQ(ids[i], expected.find(queries.keys[i], queries.uv[i], queries.footprints[i], queries.aspects[i]))
+              << i << ", weight " << weight << ", scale " << scale;
+      }
+      AaSamples without = twin::uploadAa(*device_, queries);
+      without.aspect = {};
+      Commands commands(*device_);
+      EXPECT_THROW(single_.record(commands, trees, without), Error);
+    }
+}
 
 TEST_F(NearestNeighbourTest, OnePrimitiveOfAnySize) {
   for (const uint32_t size : {0, 1, 2, 7, 8, 9, 16, 17, 100, 1000, 4099}) {

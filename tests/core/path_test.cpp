@@ -51,7 +51,7 @@ TEST(FirstHits, AreTracedOnceForActiveSlotsOnly) {
     follow(world, layer, batch);
     for (uint32_t i = 0; i < 100; ++i) {
       const FirstHit& f = batch.first[i];
-      const Ray ray = world.camera().ray(f.film_x, f.film_y);
+      const Ray ray = world.camera().ray(f);
       const bool expected = f.active() && std::abs(ray.direction.x / ray.direction.z) < 0.1f;
       EXPECT_EQ(f.hit.valid(), expected) << i;
       EXPECT_EQ(batch.vertices[i].hit.valid(), expected && layer == Layer::Direct);
@@ -168,6 +168,36 @@ TEST(Refraction, PrismReflectsTotally) {
     EXPECT_NEAR(p.x, 9, 1e-5);
   }
   EXPECT_NEAR(double(turned) / double(batch.vertices.size()), 0.96, 0.01);
+}
+
+TEST(Time, StaysWithThePath) {
+  World world;
+  world.stage.add(wall(-5, 50), kMirror);
+  DicedMesh back;
+  test::addQuad(back, {90, -90, 5}, {-90, -90, 5}, {-90, 90, 5}, {90, 90, 5});
+  world.stage.add(back, kMatte);
+  world.stage.scene.camera.motion = {{}, test::translation({2, 0, 0})};
+  world.settings.reuse_time_weight = 0.5f, world.settings.reuse_direction_weight = 3;
+  world.build();
+  Batch batch = film(world, 4);
+  follow(world, Layer::Reflection, batch);
+  float earliest = 1, latest = 0;
+  for (size_t i = 0; i < batch.vertices.size(); ++i) {
+    const PathVertex& v = batch.vertices[i];
+    ASSERT_TRUE(v.hit.valid());
+    const float time = world.camera().time(CameraRays::sampleOf(batch.first[i]));
+    EXPECT_EQ(v.hit.time, time);
+    EXPECT_EQ(v.aspect, (Vec4f{3 * v.direction.x, 3 * v.direction.y, 3 * v.direction.z, 0.5f * time}));
+    // The camera was that far to the right.
+    const Vec3f d = direction(world, batch.first[i]);
+    EXPECT_NEAR(position(world, v).x, double(2 * time + d.x / -d.z * 15), 1e-4);
+    earliest = std::min(earliest, time), latest = std::max(latest, time);
+  }
+  EXPECT_LT(earliest, 0.01f);
+  EXPECT_GT(latest, 0.99f);
+  world.settings.method = Method::Reference;
+  follow(world, Layer::Reflection, batch);
+  for (const PathVertex& v : batch.vertices) EXPECT_EQ(v.aspect, Vec4f{});
 }
 
 // Between two mirrors the number of bounces decides who is seen.

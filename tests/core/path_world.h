@@ -50,7 +50,7 @@ struct World {
     patterns = std::make_unique<Patterns>(device(), stage.scene);
   }
   ShadeContext context() { return {stage.scene, settings, *trace, *patterns, rays_traced}; }
-  CameraRays camera() const { return CameraRays(stage.scene.camera, settings); }
+  CameraRays camera() const { return CameraRays(stage.scene.camera, settings, stage.scene.moves()); }
 };
 
 struct Batch {
@@ -98,9 +98,7 @@ inline Light dome(Vec3f radiance) {
   return light;
 }
 
-inline Vec3f direction(const World& world, const FirstHit& first) {
-  return world.camera().ray(first.film_x, first.film_y).direction;
-}
+inline Vec3f direction(const World& world, const FirstHit& first) { return world.camera().ray(first).direction; }
 inline Vec3d position(const World& world, const PathVertex& v) {
   return toDouble(world.trace->surface(v.hit, v.direction).position);
 }

@@ -13,6 +13,7 @@
 #include "core/pattern/patterns.h"
 #include "core/pattern/texture_pyramid.h"
 #include "core/scene/error.h"
+#include "tests/core/pattern_world.h"
 #include "tests/core/twins/texture_twin.h"
 
 namespace encore {
@@ -21,99 +22,12 @@ namespace {
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-// Numbers that are the same with every standard library.
-class Random {
- public:
-  explicit Random(uint32_t seed) : engine_(seed) {}
-  float unit() { return float(engine_() >> 8) * 0x1p-24f; }
-  float in(float low, float high) { return low + (high - low) * unit(); }
-  uint32_t below(uint32_t n) { return uint32_t(engine_() % n); }
-
- private:
-  std::mt19937 engine_;
-};
-
-Texture randomTexture(uint32_t width, uint32_t height, uint32_t seed) {
-  Random random(seed);
-  Texture texture{"texture" + std::to_string(seed) + ".exr", width, height, {}};
-  for (uint32_t i = 0; i < width * height * 4; ++i) texture.rgba.push_back(random.in(-1, 3));
-  return texture;
-}
-
-Texture constantTexture(uint32_t width, uint32_t height, std::array<float, 4> value) {
-  Texture texture{"constant.exr", width, height, {}};
-  for (uint32_t i = 0; i < width * height * 4; ++i) texture.rgba.push_back(value[i % 4]);
-  return texture;
-}
-
-PatternNode textureNode(int32_t texture, WrapMode wrap_s = WrapMode::Repeat, WrapMode wrap_t = WrapMode::Repeat) {
-  PatternNode node;
-  node.path = "/looks/image" + std::to_string(texture);
-  node.texture = texture;
-  node.wrap_s = wrap_s;
-  node.wrap_t = wrap_t;
-  return node;
-}
-
-// A material whose diffuseColor is the node's rgb and whose emissiveColor is its gba: all channels show.
-Material showing(const PatternNode& node) {
-  Material material;
-  material.path = "/looks/show";
-  material.nodes = {node};
-  material.diffuse_color.node = 0;
-  material.emissive_color.node = 0;
-  material.emissive_color.channel = 1;
-  return material;
-}
-
-std::array<float, 4> shown(const ShadingInputs& value) {
-  EXPECT_EQ(value.diffuse_color.y, value.emissive_color.x);
-  EXPECT_EQ(value.diffuse_color.z, value.emissive_color.y);
-  return {value.diffuse_color.x, value.diffuse_color.y, value.diffuse_color.z, value.emissive_color.z};
-}
-
-// st up to a few repeats away; footprints from a thousandth of the texture to several textures, any shape.
-PatternPoint randomPoint(uint32_t material, Random& random) {
-  PatternPoint point{};
-  point.material = material;
-  point.st = {random.in(-3, 3), random.in(-3, 3)};
-  const float size = std::exp2(random.in(-11, 2)), ratio = std::exp2(random.in(-6, 0));
-  float a = random.in(0, 6.3f), b = a + random.in(0.3f, 2.8f);
-  if (random.below(4) == 0) a = 0.5f * kPi * float(random.below(4)), b = a + 0.5f * kPi;  // along the axes
-  point.dstdx = {size * std::cos(a), size * std::sin(a)};
-  point.dstdy = {size * ratio * std::cos(b), size * ratio * std::sin(b)};
-  point.color = {random.unit(), random.unit(), random.unit()};
-  return point;
-}
-
 // Texels are off by half of the last place of a half float; coordinates by a few times 2^-24 of the texture.
 void expectLike(const std::array<float, 4>& found, const twin::Texel& expected, double largest,
                 const std::string& what) {
   for (size_t c = 0; c < 4; ++c)
     ASSERT_NEAR(found[c], expected[c], largest * (0x1p-11 + 2e-4)) << what << " channel " << c;
 }
-
-class PatternTest : public testing::Test {
- protected:
-  static void SetUpTestSuite() { device = Device::create({.select = {}, .validation = true}); }
-  static void TearDownTestSuite() { device.reset(); }
-
-  static std::vector<ShadingInputs> evaluate(const Scene& scene, const std::vector<PatternPoint>& points) {
-    Patterns patterns(*device, scene);
-    std::vector<ShadingInputs> values(points.size());
-    patterns.evaluateShading(points, values);
-    return values;
-  }
-  static std::vector<PathInputs> evaluatePath(const Scene& scene, const std::vector<PatternPoint>& points) {
-    Patterns patterns(*device, scene);
-    std::vector<PathInputs> values(points.size());
-    patterns.evaluatePath(points, values);
-    return values;
-  }
-
-  static std::shared_ptr<Device> device;
-};
-std::shared_ptr<Device> PatternTest::device;
 
 TEST(HalfFloats, RoundToNearestEven) {
   const auto decode = [](uint32_t half) {
@@ -192,7 +106,7 @@ TEST_F(PatternTest, TexturesAgreeWithTwin) {
   for (const Texture& texture : scene.textures) pyramids.push_back(twin::pyramid(texture));
 
   Random random(11);
-  std::vector<PatternPoint> points;
+  std::vector<TestPoint> points;
   for (uint32_t i = 0; i < 100 * scene.materials.size(); ++i)
     points.push_back(randomPoint(i % uint32_t(scene.materials.size()), random));
   const std::vector<ShadingInputs> values = evaluate(scene, points);
@@ -207,9 +121,9 @@ TEST_F(PatternTest, TexturesAgreeWithTwin) {
 
 TEST_F(PatternTest, TexelCentresAreExactAndTheFirstRowIsAtTheBottom) {
   Scene scene;
-  scene.textures = {{"corners.exr", 2, 2, {1, 0, 0, 1, 0, 1, 0, 1, 0, 0, 1, 1, 0.5f, 0.25f, 0.125f, 0}}};
+  scene.textures = {makeTexture("corners.exr", 2, 2, {1, 0, 0, 1, 0, 1, 0, 1, 0, 0, 1, 1, 0.5f, 0.25f, 0.125f, 0})};
   scene.materials = {showing(textureNode(0))};
-  std::vector<PatternPoint> points(4);
+  std::vector<TestPoint> points(4);
   for (int i = 0; i < 4; ++i) points[size_t(i)].st = {0.25f + 0.5f * float(i % 2), 0.25f + 0.5f * float(i / 2)};
   const std::vector<ShadingInputs> values = evaluate(scene, points);
   for (size_t i = 0; i < 4; ++i)
@@ -224,7 +138,7 @@ TEST_F(PatternTest, ConstantTextureStaysConstantAtAllFootprints) {
     for (WrapMode wrap : {WrapMode::Clamp, WrapMode::Repeat, WrapMode::Mirror})
       scene.materials.push_back(showing(textureNode(0, wrap, wrap)));
     Random random(21);
-    std::vector<PatternPoint> points;
+    std::vector<TestPoint> points;
     for (uint32_t i = 0; i < 3000; ++i) points.push_back(randomPoint(i % 3, random));
     for (const ShadingInputs& value : evaluate(scene, points))
       for (size_t c = 0; c < 4; ++c) ASSERT_NEAR(shown(value)[c], kValue[c], kValue[c] * (0x1p-11 + 1e-6));
@@ -235,7 +149,7 @@ TEST_F(PatternTest, BlackIsZeroOutside) {
   Scene scene;
   scene.textures = {constantTexture(5, 3, {1, 1, 1, 1})};
   scene.materials = {showing(textureNode(0, WrapMode::Black, WrapMode::Black))};
-  std::vector<PatternPoint> points(6);
+  std::vector<TestPoint> points(6);
   const Vec2f st[] = {{0.5f, 0.5f}, {-0.2f, 0.5f}, {0.5f, 1.3f}, {1e6f, 0.5f}, {-1e30f, 0.5f}, {0, 0.5f}};
   for (size_t i = 0; i < points.size(); ++i) points[i].st = st[i];
   const std::vector<ShadingInputs> values = evaluate(scene, points);
@@ -248,11 +162,11 @@ TEST_F(PatternTest, BlackIsZeroOutside) {
 // them must keep the rows and average the columns; then the other way round.
 TEST_F(PatternTest, GrazingViewsDoNotBlur) {
   Scene scene;
-  scene.textures = {{"stripes.exr", 64, 64, {}}};
+  scene.textures = {makeTexture("stripes.exr", 64, 64)};
   for (uint32_t i = 0; i < 64 * 64; ++i)
     for (float value : {float((i / 64) % 2), float(i % 2), 0.0f, 1.0f}) scene.textures[0].rgba.push_back(value);
   scene.materials = {showing(textureNode(0))};
-  std::vector<PatternPoint> points(32);
+  std::vector<TestPoint> points(32);
   for (size_t i = 0; i < 16; ++i) {
     points[i].st = {30.5f / 64, (float(i) + 0.5f) / 64};
     points[i].dstdx = {8.0f / 64, 0};
@@ -277,7 +191,7 @@ TEST_F(PatternTest, LargeFootprintsGiveTheMean) {
   double mean = 0;
   for (size_t i = 0; i < scene.textures[0].rgba.size(); i += 4) mean += scene.textures[0].rgba[i] / (257.0 * 64);
   for (float size : {8.0f, 1e6f, 1e30f, kInfinity, kNan}) {
-    PatternPoint point{};
+    TestPoint point;
     point.st = {0.3f, 0.8f};
     point.dstdx = {size, 0};
     point.dstdy = {0, size};
@@ -295,11 +209,12 @@ TEST_F(PatternTest, StrangeCoordinatesGiveFiniteValues) {
     node.scale = {2, 2, 2, 2};
     scene.materials.push_back(showing(node));
   }
-  std::vector<PatternPoint> points;
+  std::vector<TestPoint> points;
   for (uint32_t m = 0; m < 4; ++m)
     for (float s : kStrange)
       for (float t : kStrange)
-        for (float d : kStrange) points.push_back({m, {s, t}, {d, 0.1f}, {s, d}, {0, 0, 0}});
+        for (float d : kStrange)
+          points.push_back({.material = m, .st = {s, t}, .dstdx = {d, 0.1f}, .dstdy = {s, d}, .color = {}});
   const std::vector<ShadingInputs> values = evaluate(scene, points);
   for (size_t i = 0; i < points.size(); ++i) {
     const std::array<float, 4> value = shown(values[i]);
@@ -318,7 +233,7 @@ TEST_F(PatternTest, ScaleAndBias) {
   scaled.bias = {-1, 0.5f, 3, 0};
   scene.materials = {showing(plain), showing(scaled)};
   Random random(31);
-  std::vector<PatternPoint> points;
+  std::vector<TestPoint> points;
   for (uint32_t i = 0; i < 64; ++i) {
     points.push_back(randomPoint(0, random));
     points.push_back(points.back());
@@ -332,7 +247,7 @@ TEST_F(PatternTest, ScaleAndBias) {
 
 TEST_F(PatternTest, ChannelsOfNodes) {
   Scene scene;
-  scene.textures = {{"channels.exr", 1, 1, {0.125f, 0.25f, 0.5f, 0.75f}}};
+  scene.textures = {makeTexture("channels.exr", 1, 1, {0.125f, 0.25f, 0.5f, 0.75f})};
   Material material;
   material.nodes = {textureNode(0)};
   material.nodes.push_back({});
@@ -347,7 +262,7 @@ TEST_F(PatternTest, ChannelsOfNodes) {
   material.opacity = {0, 0, 0};
   material.ior = {1.25f};
   scene.materials = {{}, material};
-  PatternPoint point{};
+  TestPoint point;
   point.material = 1;
   point.color = {0.1f, 0.2f, 0.3f};
 
@@ -374,7 +289,7 @@ TEST_F(PatternTest, ConstantsAreKeptToTheBit) {
   material.diffuse_color.node = 0;
   material.emissive_color.value = {-1.17549435e-38f, 3.4028235e38f, 0.1f};
   scene.materials = {material};
-  EXPECT_EQ(evaluate(scene, {PatternPoint{}})[0].emissive_color, material.emissive_color.value);
+  EXPECT_EQ(evaluate(scene, {TestPoint{}})[0].emissive_color, material.emissive_color.value);
 }
 
 TEST_F(PatternTest, ConstantsNeverDispatch) {
@@ -382,27 +297,68 @@ TEST_F(PatternTest, ConstantsNeverDispatch) {
   Material material;
   material.diffuse_color.value = {0.1f, 0.2f, 0.3f};
   material.roughness.value = 0.7f;
+  material.opacity.value = 0.25f;
+  material.displacement.value = 0.5f;
   material.nodes = {textureNode(0)};  // present, but nothing reads it
   scene.textures = {randomTexture(5, 3, 12)};
   scene.materials = {material};
   device->resetTimings();
   Patterns patterns(*device, scene);
-  EXPECT_FALSE(patterns.shadingVaries(0));
-  EXPECT_FALSE(patterns.pathVaries(0));
+  for (uint32_t part = 0; part < kPatternParts; ++part) {
+    EXPECT_FALSE(patterns.varies(PatternPart(part), 0)) << part;
+    EXPECT_EQ(patterns.layout(PatternPart(part), 0).size, 0u);
+    EXPECT_TRUE(generatePatterns(scene).parts[part].empty());
+  }
   EXPECT_EQ(patterns.constantShading(0).diffuse_color, material.diffuse_color.value);
   EXPECT_EQ(patterns.constantPath(0).roughness, 0.7f);
   EXPECT_EQ(patterns.constantPath(0).ior, 1.5f);
-  EXPECT_EQ(patterns.texcoordName(0), "");
+  EXPECT_EQ(patterns.constantPath(0).opacity, 0.25f);
+  EXPECT_EQ(patterns.constantPath(0).normal, (Vec3f{0, 0, 1}));
+  EXPECT_EQ(patterns.constantOpacity(0), 0.25f);
+  EXPECT_EQ(patterns.constantDisplacement(0).along_normal, 0.5f);
+  EXPECT_EQ(patterns.constantDisplacement(0).offset, Vec3f{});
+  EXPECT_EQ(patterns.normalTexcoord(0), "");
+  EXPECT_FALSE(patterns.readsTextures());
   EXPECT_EQ(patterns.textureBytes(), 0u);
-  patterns.evaluateShading({}, {});
+  patterns.evaluate({}, std::span<ShadingInputs>());
   EXPECT_TRUE(device->timings().empty());
-  EXPECT_TRUE(generatePatterns(scene).shading.empty());
-  EXPECT_TRUE(generatePatterns(scene).path.empty());
 
-  const PatternPoint point{};
-  ShadingInputs value;
-  EXPECT_THROW(patterns.evaluateShading({&point, 1}, {&value, 1}), Error);
-  EXPECT_THROW(patterns.evaluateShading({&point, 1}, {}), Error);
+  PatternPoints points;
+  points.point.push_back({0, 0});
+  std::vector<ShadingInputs> values(1);
+  EXPECT_THROW(patterns.evaluate(points, std::span<ShadingInputs>(values)), Error);
+  EXPECT_THROW(patterns.evaluate(points, std::span<ShadingInputs>()), Error);
+  points.point[0].material = 7;
+  EXPECT_THROW(patterns.evaluate(points, std::span<ShadingInputs>(values)), Error);
+}
+
+TEST_F(PatternTest, PointsNeedTheirData) {
+  Scene scene;
+  scene.textures = {randomTexture(5, 3, 12)};
+  scene.materials = {showing(textureNode(0))};
+  Patterns patterns(*device, scene);
+  PatternPoints points = pack(patterns, PatternPart::Shading, {TestPoint{}});
+  ASSERT_EQ(points.data.size(), 6u);
+  points.data.pop_back();
+  std::vector<ShadingInputs> values(1);
+  EXPECT_THROW(patterns.evaluate(points, std::span<ShadingInputs>(values)), Error);
+}
+
+TEST_F(PatternTest, AppendedPointsKeepTheirData) {
+  Scene scene;
+  Material material;
+  material.nodes.resize(1);
+  material.nodes[0].kind = PatternNode::Kind::DisplayColor;
+  material.diffuse_color.node = 0;
+  scene.materials = {material};
+  Patterns patterns(*device, scene);
+  std::vector<TestPoint> a(3), b(2);
+  for (size_t i = 0; i < 5; ++i) (i < 3 ? a[i] : b[i - 3]).color = {float(i), 1, 2};
+  PatternPoints points = pack(patterns, PatternPart::Shading, a);
+  points.append(pack(patterns, PatternPart::Shading, b));
+  std::vector<ShadingInputs> values(5);
+  patterns.evaluate(points, std::span<ShadingInputs>(values));
+  for (size_t i = 0; i < 5; ++i) EXPECT_EQ(values[i].diffuse_color, (Vec3f{float(i), 1, 2}));
 }
 
 TEST_F(PatternTest, MissingTextureIsTheFallback) {
@@ -415,8 +371,8 @@ TEST_F(PatternTest, MissingTextureIsTheFallback) {
   material.roughness = {0, 0, 3};
   scene.materials = {material};
   const Patterns patterns(*device, scene);
-  EXPECT_FALSE(patterns.shadingVaries(0));
-  EXPECT_FALSE(patterns.pathVaries(0));
+  EXPECT_FALSE(patterns.varies(PatternPart::Shading, 0));
+  EXPECT_FALSE(patterns.varies(PatternPart::Path, 0));
   EXPECT_EQ(patterns.constantShading(0).diffuse_color, (Vec3f{0.1f, 0.2f, 0.3f}));
   EXPECT_EQ(patterns.constantPath(0).roughness, 0.4f);
 }
@@ -440,9 +396,9 @@ TEST_F(PatternTest, PartsVaryOnlyWithWhatTheyNeed) {
   const Patterns patterns(*device, scene);
   constexpr bool kPathVaries[] = {false, true, false, true, false};
   for (int32_t m = 0; m < 5; ++m) {
-    EXPECT_TRUE(patterns.shadingVaries(m));
-    EXPECT_EQ(patterns.pathVaries(m), kPathVaries[m]) << m;
-    EXPECT_EQ(patterns.texcoordName(m), m == 1 ? "uv" : "st");
+    EXPECT_TRUE(patterns.varies(PatternPart::Shading, m));
+    EXPECT_EQ(patterns.varies(PatternPart::Path, m), kPathVaries[m]) << m;
+    EXPECT_EQ(patterns.layout(PatternPart::Shading, m).slots[0].name, m == 1 ? "uv" : "st");
   }
 }
 
@@ -458,18 +414,28 @@ TEST_F(PatternTest, SourceHoldsOnlyWhatIsReachable) {
   constant.path = "/looks/constant";
   scene.materials = {constant, material};
   const PatternSource source = generatePatterns(scene);
+  ASSERT_EQ(source.parts[0].size(), 1u);
+  ASSERT_EQ(source.parts[1].size(), 1u);
+  EXPECT_TRUE(source.parts[2].empty() && source.parts[3].empty());
+  const std::string &shading = source.parts[0][0].source, &path = source.parts[1][0].source;
   const auto contains = [](const std::string& text, const char* word) { return text.find(word) != std::string::npos; };
-  EXPECT_TRUE(contains(source.shading, "/looks/image0") && contains(source.shading, "/looks/mixed"));
-  EXPECT_FALSE(contains(source.shading, "/looks/image2"));
-  EXPECT_TRUE(contains(source.path, "/looks/image2"));
-  EXPECT_FALSE(contains(source.path, "/looks/image0"));
-  for (const std::string& part : {source.shading, source.path}) {
-    EXPECT_FALSE(contains(part, "/looks/image1"));
+  for (const std::string& part : {shading, path}) {
+    EXPECT_TRUE(contains(part, "/looks/mixed") && contains(part, "TEXTURE_SLOTS 1"));
     EXPECT_FALSE(contains(part, "/looks/constant"));
     EXPECT_FALSE(compileGlsl(part, "part").empty());
   }
-  // 4 × 4, 2 × 2 and 1 × 1; 2 × 2 and 1 × 1: 26 texels of 8 bytes, and 5 levels of 16 bytes. Not 64 × 64.
-  EXPECT_EQ(Patterns(*device, scene).textureBytes(), 26u * 8 + 5 * 16);
+  EXPECT_EQ(source.parts[0][0].materials, std::vector<uint32_t>{1});
+
+  // 4 × 4 and 2 × 2: their levels, not those of 64 × 64. Nothing is there before somebody asks, then what was asked
+  // for: one level of the first, and all (two) of the other. Tables: 5 levels, 2 tiles, 6 marks, one record.
+  constexpr uint64_t kTables = 5 * 16 + 2 * 16 + 6 * 4 + 32;
+  Patterns patterns(*device, scene);
+  EXPECT_EQ(patterns.textureBytes(), kTables);
+  evaluate<ShadingInputs>(patterns, PatternPart::Shading, {{.material = 1, .dstdx = {9, 0}, .dstdy = {0, 9}}});
+  EXPECT_EQ(patterns.textureBytes(), kTables + 8);
+  evaluate<PathInputs>(patterns, PatternPart::Path, {{.material = 1}});
+  EXPECT_EQ(patterns.textureBytes(), kTables + 8 + 5 * 8);
+  EXPECT_EQ(patterns.peakTextureBytes(), kTables + 8 + 5 * 8);
 }
 
 // Fifty materials of all kinds, with constant ones between them, in one batch in random order.
@@ -493,7 +459,7 @@ TEST_F(PatternTest, MixtureOfFiftyMaterials) {
     }
     scene.materials.push_back(material);
   }
-  std::vector<PatternPoint> points;
+  std::vector<TestPoint> points;
   for (uint32_t i = 0; i < 20000; ++i) points.push_back(randomPoint(random.below(50) * 2 + 1, random));
   const std::vector<ShadingInputs> values = evaluate(scene, points);
 
@@ -520,19 +486,144 @@ TEST_F(PatternTest, BatchesOfAnySizeTakeOneDispatchEach) {
   scene.textures = {randomTexture(5, 3, 17)};
   scene.materials = {showing(textureNode(0))};
   Random random(51);
-  std::vector<PatternPoint> points;
+  std::vector<TestPoint> points;
   for (uint32_t i = 0; i < 100000; ++i) points.push_back(randomPoint(0, random));
   const std::vector<ShadingInputs> all = evaluate(scene, points);
 
   Patterns patterns(*device, scene);
+  evaluate<ShadingInputs>(patterns, PatternPart::Shading, {TestPoint{}});  // every level is there after this
   device->resetTimings();
   uint64_t batches = 0;
   for (size_t size : {1u, 63u, 64u, 65u, 5000u, 100000u, 1u}) {
-    std::vector<ShadingInputs> values(size);
-    patterns.evaluateShading({points.data(), size}, values);
+    const std::vector<ShadingInputs> values =
+        evaluate<ShadingInputs>(patterns, PatternPart::Shading, {points.begin(), points.begin() + long(size)});
     EXPECT_EQ(device->timings().at("pattern_shading").dispatches, ++batches);
     for (size_t i = 0; i < size; ++i) ASSERT_EQ(values[i].diffuse_color, all[i].diffuse_color) << size << " " << i;
   }
+}
+
+// One material reads two sets of coordinates, a primvar and the colour.
+TEST_F(PatternTest, NetworksReadWhatTheyName) {
+  Scene scene;
+  scene.textures = {randomTexture(64, 64, 18)};
+  Material material;
+  material.nodes = {textureNode(0), textureNode(0)};
+  material.nodes[1].texcoord = "uv";
+  material.nodes.resize(3);
+  material.nodes[2].kind = PatternNode::Kind::Primvar;
+  material.nodes[2].primvar = "wear";
+  material.nodes[2].fallback = {0.5f, 0.25f, 0.125f, 0.75f};
+  material.diffuse_color.node = 0;
+  material.emissive_color.node = 1;
+  material.specular_color.node = 2;
+  material.use_specular_workflow = true;
+  material.roughness = {0, 2, 3};
+  material.normal.node = 1;
+  material.opacity = {0, 2, 2};
+  material.displacement = {0, 1, 1};
+  scene.materials = {material};
+  const std::vector<twin::Level> pyramid = twin::pyramid(scene.textures[0]);
+  Patterns patterns(*device, scene);
+  EXPECT_EQ(patterns.normalTexcoord(0), "uv");
+  EXPECT_TRUE(patterns.readsTextures());
+  Random random(61);
+  std::vector<TestPoint> points;
+  for (uint32_t i = 0; i < 200; ++i) points.push_back(randomPoint(0, random));
+  const auto shading = evaluate<ShadingInputs>(patterns, PatternPart::Shading, points);
+  const auto path = evaluate<PathInputs>(patterns, PatternPart::Path, points);
+  const auto opacity = evaluate<OpacityInputs>(patterns, PatternPart::Opacity, points);
+  const auto displacement = evaluate<DisplacementInputs>(patterns, PatternPart::Displacement, points);
+  for (size_t i = 0; i < points.size(); ++i) {
+    const TestPoint& p = points[i];
+    const auto swapped = [](Vec2f v) { return Vec2f{v.y, v.x}; };
+    const twin::Texel st = twin::evaluate(pyramid, material.nodes[0], p.st, p.dstdx, p.dstdy);
+    const twin::Texel uv =
+        twin::evaluate(pyramid, material.nodes[1], swapped(p.st), swapped(p.dstdx), swapped(p.dstdy));
+    const auto expectColor = [&](Vec3f found, const twin::Texel& expected) {
+      expectLike({found.x, found.y, found.z, float(expected[3])}, expected, 3, "point " + std::to_string(i));
+    };
+    expectColor(shading[i].diffuse_color, st);
+    expectColor(shading[i].emissive_color, uv);
+    expectColor(path[i].normal, twin::evaluate(pyramid, material.nodes[1], swapped(p.st), swapped(p.dstdx),
+                                               swapped(p.dstdy), twin::kPathFilter));
+    EXPECT_EQ(path[i].specular_color, p.color + (Vec3f{0.5f, 0.25f, 0.125f}));
+    EXPECT_EQ(path[i].roughness, 0.75f);
+    EXPECT_NEAR(path[i].opacity, p.color.z + 0.125f, 1e-6);
+    EXPECT_EQ(opacity[i].opacity, path[i].opacity);
+    EXPECT_NEAR(displacement[i].along_normal, uv[1], 3 * (0x1p-11 + 2e-4));
+    EXPECT_EQ(displacement[i].offset, Vec3f{});
+  }
+}
+
+TEST_F(PatternTest, NormalsOfMaterials) {
+  Scene scene;
+  scene.textures = {randomTexture(4, 4, 19)};
+  Material mapped, tilted, fallback;
+  mapped.nodes = {textureNode(0)};
+  mapped.nodes[0].texcoord = "map";
+  mapped.normal.node = 0;
+  tilted.normal.value = {0.6f, 0, 0.8f};
+  fallback.nodes = {textureNode(-1)};
+  fallback.nodes[0].fallback = {0, 0, 1, 1};
+  fallback.normal.node = 0;
+  scene.materials = {{}, mapped, tilted, fallback};
+  const Patterns patterns(*device, scene);
+  EXPECT_EQ(patterns.normalTexcoord(0), "");
+  EXPECT_EQ(patterns.normalTexcoord(1), "map");
+  EXPECT_EQ(patterns.normalTexcoord(2), "st");
+  EXPECT_EQ(patterns.normalTexcoord(3), "");
+  EXPECT_TRUE(patterns.varies(PatternPart::Path, 1));
+  EXPECT_FALSE(patterns.varies(PatternPart::Path, 2) || patterns.varies(PatternPart::Path, 3));
+  EXPECT_EQ(patterns.constantPath(2).normal, tilted.normal.value);
+}
+
+// Three columns and two rows of tiles, of different sizes; the middle of the upper row and what lies beyond are
+// missing.
+TEST_F(PatternTest, UdimTilesAgreeWithTwin) {
+  Scene scene;
+  std::vector<std::vector<twin::Level>> pyramids;
+  for (uint32_t t = 0; t < 5; ++t) {
+    scene.textures.push_back(randomTexture(3 + 13 * t, 40 - 9 * t, 200 + t));
+    pyramids.push_back(twin::pyramid(scene.textures.back()));
+  }
+  PatternNode node = textureNode(-1, WrapMode::Repeat, WrapMode::Black);  // which have no meaning here
+  node.udim.assign(13, -1);
+  node.udim[0] = 0, node.udim[1] = 1, node.udim[2] = 2, node.udim[10] = 3, node.udim[12] = 4;
+  node.fallback = {0.25f, 0.5f, 0.75f, 1.5f};
+  node.scale = {2, 2, 2, 2};
+  scene.materials = {showing(node)};
+  Random random(71);
+  std::vector<TestPoint> points;
+  for (uint32_t i = 0; i < 5000; ++i) {
+    points.push_back(randomPoint(0, random));
+    points.back().st = {random.in(-0.5f, 4.0f), random.in(-0.5f, 2.5f)};
+    if (i % 10 == 0) points.back().st.x = float(random.below(5));
+    if (i % 15 == 0) points.back().st.y = float(random.below(4));
+  }
+  points[0].st = {3, 0.5f};  // the last tile's right edge
+  points[1].st = {0.5f, 2};  // the upper edge of the upper row
+  points[2].st = {1, 1.5f};  // its first tile's right edge: the tile beyond is missing
+  points[3].st = {2, 2};     // on both, at a corner that no tile touches with its lower left
+  points[4].st = {1e30f, 0.5f};
+  points[5].st = {kNan, 0.5f};
+  const std::vector<ShadingInputs> values = evaluate(scene, points);
+  size_t inside = 0;
+  for (size_t i = 0; i < points.size(); ++i) {
+    const int32_t tile = std::isfinite(points[i].st.x) ? twin::udimTile(node, points[i].st) : -1;
+    if (tile < 0) {
+      EXPECT_EQ(shown(values[i]), node.fallback) << i;
+      continue;
+    }
+    ++inside;
+    const twin::Texel expected = twin::evaluateUdim(pyramids[size_t(node.udim[size_t(tile)])], node, tile, points[i].st,
+                                                    points[i].dstdx, points[i].dstdy);
+    expectLike(shown(values[i]), expected, 6, "point " + std::to_string(i));
+    if (HasFatalFailure()) return;
+  }
+  EXPECT_GT(inside, 1500u);
+  EXPECT_EQ(twin::udimTile(node, points[0].st), 2);
+  EXPECT_EQ(twin::udimTile(node, points[1].st), 10);
+  EXPECT_EQ(twin::udimTile(node, points[2].st), 10);
 }
 
 TEST(CompileGlsl, ReportsNameAndLog) {

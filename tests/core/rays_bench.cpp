@@ -71,8 +71,11 @@ struct Values {
             std::span(depth).first(pixels)};
   }
   SampleOutputs direct(size_t slots, bool footprints) {
-    return {std::span(key).first(slots), std::span(uv).first(slots), std::span(throughput).first(slots),
-            std::span(footprint).first(footprints ? slots : 0)};
+    return {std::span(key).first(slots),
+            std::span(uv).first(slots),
+            std::span(throughput).first(slots),
+            std::span(footprint).first(footprints ? slots : 0),
+            {}};
   }
 };
 

@@ -16,8 +16,8 @@ namespace {
 static_assert(sizeof(Vec2f) == 8 && sizeof(Vec3f) == 12);
 static_assert(kBlockArea == kBlockPixels * kBlockPixels);
 static_assert(offsetof(SurfaceKey, primitive_side) == 4);
-static_assert(offsetof(PatternPoint, st) == 4 && offsetof(PatternPoint, dstdx) == 12);
-static_assert(offsetof(PatternPoint, dstdy) == 20 && offsetof(PatternPoint, color) == 28);
+static_assert(offsetof(PatternPoint, first) == 4 && offsetof(PathInputs, normal) == 48);
+static_assert(offsetof(DisplacementInputs, along_normal) == 12);
 static_assert(offsetof(ShadingInputs, emissive_color) == 12);
 static_assert(offsetof(PathInputs, specular_color) == 12 && offsetof(PathInputs, metallic) == 24);
 static_assert(offsetof(PathInputs, roughness) == 28 && offsetof(PathInputs, clearcoat) == 32);
@@ -30,14 +30,13 @@ constexpr uint32_t kElements = 3;  // as in records_layout.comp
 SurfaceKey keyRecord(uint32_t n) { return {n, n + 1}; }
 Vec2f pair(float f) { return {f, f + 1}; }
 Vec3f triple(float f) { return {f, f + 1, f + 2}; }
-PatternPoint pointRecord(uint32_t n) {
-  const float f = float(n);
-  return {n, pair(f + 1), pair(f + 3), pair(f + 5), triple(f + 7)};
-}
+PatternPoint pointRecord(uint32_t n) { return {n, n + 1}; }
+OpacityInputs opacityRecord(uint32_t n) { return {float(n)}; }
+DisplacementInputs displacementRecord(uint32_t n) { return {triple(float(n)), float(n) + 3}; }
 ShadingInputs shadingRecord(uint32_t n) { return {triple(float(n)), triple(float(n) + 3)}; }
 PathInputs pathRecord(uint32_t n) {
   const float f = float(n);
-  return {triple(f), triple(f + 3), f + 6, f + 7, f + 8, f + 9, f + 10, f + 11};
+  return {triple(f), triple(f + 3), f + 6, f + 7, f + 8, f + 9, f + 10, f + 11, triple(f + 12)};
 }
 
 template <class T, class Make>
@@ -58,27 +57,32 @@ TEST(Records, HaveTheSameBytesInGlsl) {
   Buffer<PatternPoint> points(*device, size, "points");
   Buffer<ShadingInputs> shadings(*device, size, "shadings");
   Buffer<PathInputs> paths(*device, size, "paths");
+  Buffer<OpacityInputs> opacities(*device, size, "opacities");
+  Buffer<DisplacementInputs> displacements(*device, size, "displacements");
   Buffer<Vec2f> vectors2(*device, size, "vectors2");
   Buffer<Vec3f> vectors3(*device, size, "vectors3");
   Buffer<uint32_t> constants(*device, 5, "constants");
   struct Arguments {
-    uint64_t keys, points, shadings, paths, vectors2, vectors3, constants;
+    uint64_t keys, points, shadings, paths, opacities, displacements, vectors2, vectors3, constants;
   };
   const Kernel kernel(*device, "records_layout", kRecordsLayoutSpirv);
   Commands commands(*device);
-  for (RawBuffer* buffer :
-       {&keys.raw(), &points.raw(), &shadings.raw(), &paths.raw(), &vectors2.raw(), &vectors3.raw()}) {
+  for (RawBuffer* buffer : {&keys.raw(), &points.raw(), &shadings.raw(), &paths.raw(), &opacities.raw(),
+                            &displacements.raw(), &vectors2.raw(), &vectors3.raw()}) {
     commands.fill(*buffer, 0xcdcdcdcd);
   }
-  commands.dispatch(kernel, 1,
-                    Arguments{keys.address(), points.address(), shadings.address(), paths.address(), vectors2.address(),
-                              vectors3.address(), constants.address()});
+  commands.dispatch(
+      kernel, 1,
+      Arguments{keys.address(), points.address(), shadings.address(), paths.address(), opacities.address(),
+                displacements.address(), vectors2.address(), vectors3.address(), constants.address()});
   commands.run();
 
   expectBytes(keys, keyRecord, "SurfaceKey");
   expectBytes(points, pointRecord, "PatternPoint");
   expectBytes(shadings, shadingRecord, "ShadingInputs");
   expectBytes(paths, pathRecord, "PathInputs");
+  expectBytes(opacities, opacityRecord, "OpacityInputs");
+  expectBytes(displacements, displacementRecord, "DisplacementInputs");
   expectBytes(vectors2, [](uint32_t n) { return pair(float(n)); }, "vec2");
   expectBytes(vectors3, [](uint32_t n) { return triple(float(n)); }, "vec3");
   constants.toHost();

@@ -39,8 +39,8 @@ Scene validScene() {
   Scene scene;
   scene.meshes = {twoQuads()};
   scene.prototypes = {{"/world/quads", {0}}};
-  scene.instances = {{"/world/quads", 0, {}, -1}};
-  scene.textures = {{"ground.png", 2, 1, {0, 0, 0, 1, 1, 1, 1, 1}}};
+  scene.instances = {{"/world/quads", 0, {}, {}, -1}};
+  scene.textures = {{"ground.png", 2, 1, {0, 0, 0, 1, 1, 1, 1, 1}, {}}};
   Material material;
   material.path = "/looks/ground";
   material.nodes.resize(2);
@@ -177,13 +177,80 @@ void expectSceneErrors(const std::vector<Breakage<Scene>>& breakages) {
   expectErrors<Scene>(validScene(), ErrorKind::Scene, [](const Scene& scene) { scene.validate(); }, breakages);
 }
 
+TEST(ValidateScene, MotionHasTwoKeysOrMoreOfTheSameSize) {
+  Scene scene = validScene();
+  EXPECT_FALSE(scene.moves());
+  scene.instances[0].motion.assign(1, {});
+  EXPECT_TRUE(scene.moves());
+  EXPECT_THROW(scene.validate(), Error);
+  scene.instances[0].motion.assign(kMaxMotionKeys + 1, {});
+  EXPECT_THROW(scene.validate(), Error);
+  scene.instances[0].motion.assign(kMaxMotionKeys, {});
+  EXPECT_NO_THROW(scene.validate());
+  scene.instances[0].motion[3].ez = {};  // singular at one key
+  EXPECT_THROW(scene.validate(), Error);
+  scene.instances[0].motion.clear();
+
+  Mesh& mesh = scene.meshes[0];
+  mesh.motion_points.assign(2, mesh.points);
+  EXPECT_NO_THROW(scene.validate());
+  EXPECT_TRUE(scene.moves());
+  mesh.motion_points[1].pop_back();
+  EXPECT_THROW(scene.validate(), Error);
+  mesh.motion_points.assign(1, mesh.points);
+  EXPECT_THROW(scene.validate(), Error);
+  mesh.motion_points.assign(2, mesh.points);
+  mesh.motion_normals.assign(3, mesh.normals.values);
+  EXPECT_THROW(scene.validate(), Error);
+}
+
+TEST(ValidateScene, LensNeedsAFocusAndExposureIsFinite) {
+  Scene scene = validScene();
+  scene.camera.lens_radius = 0.1f;
+  scene.camera.focus_distance = 0;
+  EXPECT_THROW(scene.validate(), Error);
+  scene.camera.focus_distance = 2;
+  EXPECT_NO_THROW(scene.validate());
+  scene.camera.exposure_scale = std::numeric_limits<float>::infinity();
+  EXPECT_THROW(scene.validate(), Error);
+  scene.camera.exposure_scale = 1;
+  scene.camera.clipping_planes.push_back({{1, 0, 0}, std::numeric_limits<float>::quiet_NaN()});
+  EXPECT_THROW(scene.validate(), Error);
+}
+
+TEST(ValidateScene, LinkGroupsAreThoseThatLightsKnow) {
+  Scene scene = validScene();
+  Light light;
+  light.lit_groups = {1, 0};
+  scene.lights.push_back(light);
+  EXPECT_NO_THROW(scene.validate());
+  scene.meshes[0].link_group = 2;
+  EXPECT_THROW(scene.validate(), Error);
+}
+
+TEST(ValidateScene, ShadersHaveSourceAndParametersNames) {
+  Scene scene = validScene();
+  GlslShader shader;
+  shader.path = "/looks/own";
+  scene.materials[0].surface_shader = shader;
+  EXPECT_THROW(scene.validate(), Error);
+  scene.materials[0].surface_shader->source = "void surface(in SurfacePoint point, inout Surface surface) {}";
+  EXPECT_NO_THROW(scene.validate());
+  scene.materials[0].surface_shader->parameters = {{"2d", "float", {}}};
+  EXPECT_THROW(scene.validate(), Error);
+  scene.materials[0].surface_shader->parameters = {{"size", "mat4", {}}};
+  EXPECT_THROW(scene.validate(), Error);
+  scene.materials[0].surface_shader->parameters = {{"size", "float", {}}, {"size", "float", {}}};
+  EXPECT_THROW(scene.validate(), Error);
+}
+
 TEST(ValidateScene, AcceptsWhatIsValid) {
   EXPECT_NO_THROW(validScene().validate());
   Scene scene = validScene();  // mirrored, tiny, huge and sheared transforms can be inverted
   scene.instances[0].to_world = {{-1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1e9, 0, 0}};
-  scene.instances.push_back({"/tiny", 0, {{1e-20, 0, 0}, {0, 1e-20, 0}, {0, 0, 1e-20}, {}}, 0});
-  scene.instances.push_back({"/huge", 0, {{1e20, 0, 0}, {0, 1e20, 0}, {0, 0, 1e20}, {}}, 0});
-  scene.instances.push_back({"/sheared", 0, {{1, 0, 0}, {1000, 1, 0}, {0, 0, 1}, {}}, 0});
+  scene.instances.push_back({"/tiny", 0, {{1e-20, 0, 0}, {0, 1e-20, 0}, {0, 0, 1e-20}, {}}, {}, 0});
+  scene.instances.push_back({"/huge", 0, {{1e20, 0, 0}, {0, 1e20, 0}, {0, 0, 1e20}, {}}, {}, 0});
+  scene.instances.push_back({"/sheared", 0, {{1, 0, 0}, {1000, 1, 0}, {0, 0, 1}, {}}, {}, 0});
   EXPECT_NO_THROW(scene.validate());
 }
 
@@ -221,8 +288,6 @@ TEST(ValidateScene, NamesBadMaterialsAndTextures) {
       {[](Scene& s) { s.materials[0].diffuse_color.channel = 2; }, {"inputs:diffuseColor", "channel 2"}},
       {[](Scene& s) { s.materials[0].roughness.channel = 4; }, {"inputs:roughness", "channel 4"}},
       {[](Scene& s) { s.materials[0].metallic.value = kNan; }, {"/looks/ground.inputs:metallic", "nan"}},
-      {[](Scene& s) { s.materials[0].nodes[1].texcoord = "uv"; },
-       {"/looks/ground/mask.inputs:st", "uv", "/looks/ground/image", "st"}},
       {[](Scene& s) { s.textures[0].rgba.pop_back(); }, {"ground.png", "2 × 1", "7 numbers"}},
       {[](Scene& s) { s.textures[0].width = 0; }, {"ground.png", "0 × 1"}},
       {[](Scene& s) { s.textures[0].rgba[4] = kNan; }, {"ground.png", "column 1, row 0"}},

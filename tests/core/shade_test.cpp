@@ -11,79 +11,17 @@
 
 #include "core/shade/interface_albedo.h"
 #include "core/shade/lights.h"
+#include "shade_world.h"
 #include "shapes.h"
 
 namespace encore {
 namespace {
 
-using test::Stage;
+using test::ShadeWorld;
+using World = ShadeWorld;
 
 constexpr double kPiD = 3.14159265358979323846;
 constexpr uint32_t kMany = 256;  // samples of one pixel in the statistical tests
-
-// A stage with what shade() needs. Material 0 is a white diffuse surface without an interface.
-class World {
- public:
-  Stage stage;
-  Settings settings;
-
-  World() { white(material()); }
-  static void white(Material& m) {
-    m.diffuse_color.value = {1, 1, 1};
-    m.ior.value = 1;
-  }
-  Material& material(size_t i = 0) { return stage.scene.materials[i]; }
-  Light& addLight(Light::Kind kind) {
-    stage.scene.lights.emplace_back().kind = kind;
-    return stage.scene.lights.back();
-  }
-  void addGround(float z = 0, int32_t material = 0) {
-    DicedMesh ground;
-    test::addQuad(ground, {-50, -50, z}, {50, -50, z}, {50, 50, z}, {-50, 50, z});
-    stage.add(ground, material);
-  }
-
-  // What a ray along `direction` hits, as sample `sample` of a pixel.
-  PathVertex vertex(Vec3f origin, Vec3f direction, uint32_t sample = 0, uint32_t pixel = 0) {
-    build();
-    PathVertex v;
-    v.throughput = {1, 1, 1};
-    v.direction = normalize(direction);
-    v.pixel = pixel, v.sample = sample;
-    const Ray ray{origin, 0, v.direction};
-    trace_->intersect({&ray, 1}, {&v.hit, 1}, Coherence::Coherent);
-    if (!v.hit.valid()) throw std::logic_error("the test's ray misses");
-    return v;
-  }
-  std::vector<Vec3f> shadeAll(const std::vector<PathVertex>& vertices, const std::vector<uint32_t>& ends) {
-    build();
-    std::vector<Vec3f> radiance(vertices.size(), {-1, -1, -1});
-    const ShadeContext context{stage.scene, settings, *trace_, *patterns_, rays};
-    shade(context, vertices, ends, radiance);
-    return radiance;
-  }
-  Vec3f shadeOne(Vec3f origin, Vec3f direction) { return shadeAll({vertex(origin, direction)}, {1})[0]; }
-  // Mean over many samples of one pixel that hit the same point.
-  Vec3d mean(Vec3f origin, Vec3f direction, uint32_t count = kMany) {
-    std::vector<PathVertex> vertices;
-    for (uint32_t i = 0; i < count; ++i) vertices.push_back(vertex(origin, direction, i));
-    Vec3d sum;
-    for (Vec3f r : shadeAll(vertices, {count})) sum = sum + toDouble(r);
-    return sum / double(count);
-  }
-  std::atomic<uint64_t> rays{0};
-
- private:
-  void build() {
-    if (trace_) return;
-    for (Material& m : stage.scene.materials) m.path = "/material";
-    trace_ = std::make_unique<TraceScene>(stage.scene, stage.diced);
-    static const std::shared_ptr<Device> device = Device::create();
-    patterns_ = std::make_unique<Patterns>(*device, stage.scene);
-  }
-  std::unique_ptr<TraceScene> trace_;
-  std::unique_ptr<Patterns> patterns_;
-};
 
 const Vec3f kFrom{0.3f, -0.2f, 0.9f}, kDown{0, 0, -1};  // over the ground near the origin
 const Vec3f kPoint{0.3f, -0.2f, 0};                     // what it sees
@@ -265,8 +203,8 @@ TEST(Shade, RoughLobesUnderLightsMatchQuadrature) {
       }
       if (lights == 2 || lights == 3) world.addLight(Light::Kind::Dome).radiance = {0.1f, 0.2f, 0.3f};
       const Vec3f direction = normalize(Vec3f{-0.8f, 0.1f, -0.5f});
-      const PathInputs inputs{m.diffuse_color.value, {}, 1, roughness, 0, 0.01f, 1, 1};
-      const Lobes lobes = makeLobes(m, inputs, false, world.settings.roughness_limit);
+      const PathInputs inputs{m.diffuse_color.value, {}, 1, roughness, 0, 0.01f, 1, 1, {0, 0, 1}};
+      const Lobes lobes = makeLobes(m, inputs, {}, world.settings);
       const Vec3d exact = quadrature(world, lobes, -direction, 600);
       const Vec3d mean = world.mean(kPoint - direction, direction);
       for (int k = 0; k < 3; ++k) {
@@ -293,6 +231,7 @@ TEST(Shade, SamplingBothWaysIsQuieter) {
 
 TEST(Shade, TracedLobesShowLightsOfZeroExtentOnly) {
   World world;
+  world.settings.energy_compensation = false;
   Material& m = world.material();
   m.roughness.value = 0.2f;
   m.use_specular_workflow = true;
@@ -359,7 +298,7 @@ TEST(Shade, VaryingInputsAreEvaluatedPerVertex) {
 
 TEST(Shade, TexturesAreReadAtTheHit) {
   World world;
-  world.stage.scene.textures.push_back({"two.exr", 2, 1, {1, 0, 0, 1, 0, 0, 1, 1}});
+  world.stage.scene.textures.push_back({"two.exr", 2, 1, {1, 0, 0, 1, 0, 0, 1, 1}, nullptr});
   PatternNode& node = world.material().nodes.emplace_back();
   node.texture = 0;
   node.wrap_s = node.wrap_t = WrapMode::Clamp;
@@ -379,6 +318,7 @@ TEST(Shade, TexturesAreReadAtTheHit) {
 
 TEST(Shade, VaryingPathInputsReachTheLobes) {
   World world;
+  world.settings.energy_compensation = false;
   Material& m = world.material();
   m.nodes.emplace_back().kind = PatternNode::Kind::DisplayColor;
   m.use_specular_workflow = true;
@@ -391,8 +331,28 @@ TEST(Shade, VaryingPathInputsReachTheLobes) {
   world.stage.add(ground);
   world.addLight(Light::Kind::Dome);
   const Vec3d mean = world.mean(kFrom, kDown);
-  const Vec3f albedo = schlickAlbedo(1, 1, {0.1f, 0.5f, 1}, 1);
+  const Vec3f albedo = schlickAlbedo(1, 1, {0.1f, 0.5f, 1});
   for (int k = 0; k < 3; ++k) EXPECT_NEAR(mean[k], albedo[k], 0.003) << k;
+}
+
+TEST(Shade, NormalMapsTurnTheNormal) {
+  World world;
+  world.stage.scene.textures.push_back({"normal.exr", 1, 1, {0.6f, 0, 0.8f, 1}, nullptr});
+  world.material().nodes.emplace_back().texture = 0;
+  world.material().normal.node = 0;
+  DicedMesh ground;
+  test::addQuad(ground, {-1, -1, 0}, {1, -1, 0}, {1, 1, 0}, {-1, 1, 0});
+  ground.texcoords.push_back({{0, 0}, {1, 0}, {1, 1}, {0, 1}});
+  world.stage.add(ground);
+  world.stage.scene.meshes.back().texcoords.emplace_back().name = "st";
+  Light& sun = world.addLight(Light::Kind::Distant);
+  sun.radiance = {kPi, kPi, kPi};
+  for (const Vec3f from : {Vec3f{0, 0, 1}, Vec3f{0.6f, 0, 0.8f}, Vec3f{-0.6f, 0.2f, 0.5f}}) {
+    sun.direction = -normalize(from);
+    const float cosine = std::max(0.0f, dot(normalize(from), Vec3f{0.6f, 0, 0.8f}));
+    EXPECT_NEAR(world.shadeOne(kFrom, kDown).x, cosine, 2e-3f) << from.x;
+    EXPECT_NEAR(world.shadeOne({0.3f, -0.2f, -0.9f}, {0, 0, 1}).x, 0, 1e-6) << from.x;  // turned for the back as well
+  }
 }
 
 TEST(Shade, DependsOnNothingButTheBlock) {

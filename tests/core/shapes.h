@@ -107,7 +107,9 @@ struct Stage {
     return uint32_t(scene.prototypes.size() - 1);
   }
   uint32_t addInstance(uint32_t prototype, const Affine3d& to_world = {}, int32_t material = -1) {
-    scene.instances.push_back({"/instance" + std::to_string(scene.instances.size()), prototype, to_world, material});
+    Instance& instance = scene.instances.emplace_back();
+    instance.path = "/instance" + std::to_string(scene.instances.size() - 1);
+    instance.prototype = prototype, instance.to_world = to_world, instance.material = material;
     return uint32_t(scene.instances.size() - 1);
   }
   uint32_t add(DicedMesh mesh, int32_t material = 0, const Affine3d& to_world = {}) {

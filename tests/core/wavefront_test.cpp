@@ -104,13 +104,35 @@ struct Twin {
   ShadeContext context = world.context();
   Layer layer;
   PathVertex vertex;
+  std::vector<std::pair<uint32_t, float>> inside{};  // solids, by instance, and their iors, in the order of entry
+
+  // Solids of equal priority: the one entered last is there. False: the interface is passed straight.
+  bool real(uint32_t instance, bool back) const {
+    if (!back || inside.empty()) return true;
+    return inside.back().first == instance;
+  }
+  void cross(uint32_t instance, float ior, bool back) {
+    if (!back) return inside.push_back({instance, ior});
+    for (size_t i = inside.size(); i-- > 0;)
+      if (inside[i].first == instance) return void(inside.erase(inside.begin() + ptrdiff_t(i)));
+  }
+  float outside(bool back) const {  // of a real interface
+    const size_t others = inside.size() - (back && !inside.empty() ? 1 : 0);
+    return others == 0 ? 1 : inside[others - 1].second;
+  }
 
   void pathTrace(Vec3f color, Hit hit, Vec3f direction, uint32_t bounce) {
     const Scene& scene = world.stage.scene;
     const SurfacePoint point = world.trace->surface(hit, direction);
     const Material& material = scene.materials[size_t(point.material)];
-    const Lobes lobes = makeLobes(material, world.patterns->constantPath(point.material), point.side == 1,
-                                  world.settings.roughness_limit);
+    const PathInputs& inputs = world.patterns->constantPath(point.material);
+    const bool solid = feedsRefraction(material), back = point.side == 1;
+    if (solid && !real(hit.instance, back)) {
+      cross(hit.instance, inputs.ior, back);
+      return goOn(color, point, direction, bounce);
+    }
+    const float other_ior = solid ? outside(back) : 1;
+    const Lobes lobes = makeLobes(material, inputs, {back, false, other_ior}, world.settings);
     const Vec3f ng = point.side ? -point.ng : point.ng, wo = -direction;
     Vec3f n = point.side ? -point.ns : point.ns;
     if (dot(n, wo) <= 0) n = ng;
@@ -141,14 +163,20 @@ struct Twin {
     }
     if (!out.valid) return;
     color = color * (1 / probability) * out.weight;
-    const std::vector<Ray> ray{{point.offsetOrigin(out.direction), 0, out.direction}};
+    if (solid && effect == 2) cross(hit.instance, inputs.ior, back);
+    goOn(color, point, out.direction, bounce + 1);
+  }
+
+  void goOn(Vec3f color, const SurfacePoint& point, Vec3f leaving, uint32_t bounce) {
+    std::vector<Ray> ray(1);
+    ray[0].origin = point.offsetOrigin(leaving), ray[0].direction = leaving;
     std::vector<Hit> next(1);
     world.trace->intersect(ray, next, Coherence::Incoherent);
-    const LightHit light = intersectLights(scene.lights, ray[0].origin, out.direction, next[0].t);
+    const LightHit light = intersectLights(context.lights, world.stage.scene.lights, ray[0].origin, leaving, next[0].t);
     if (light.valid) {
       vertex.throughput = color * light.radiance;
     } else if (next[0].valid() && maxComponent(color) > 0) {
-      pathTrace(color, next[0], out.direction, bounce + 1);
+      pathTrace(color, next[0], leaving, bounce);
     }
   }
 };
@@ -243,7 +271,7 @@ TEST(Wavefront, OutputsAgreeWithVertices) {
         std::vector<Vec3f> throughput(count, {3, 3, 3});
         std::vector<float> footprint(count, 4);
         std::vector<PathVertex> lean(count, batch.vertices.back());
-        SampleOutputs out{key, uv, throughput, {}};
+        SampleOutputs out{key, uv, throughput, {}, {}};
         if (footprints) out.footprint = footprint;
         uint64_t on_surface = 0;
         const uint64_t counted = tracePaths(world.context(), world.camera(), layer, batch.first, batch.ends, lean, out);
@@ -287,7 +315,7 @@ TEST(Wavefront, EvaluatesVaryingPathInputsWhereTheyAreNeeded) {
   world.stage.add(right, kMirror);
   world.stage.scene.lights = {dome({1, 1, 1})};
   world.build();
-  ASSERT_TRUE(world.patterns->pathVaries(3));
+  ASSERT_TRUE(world.patterns->varies(PatternPart::Path, 3));
   Batch batch = film(world, 3);
   follow(world, Layer::Reflection, batch);
   for (size_t i = 0; i < batch.vertices.size(); ++i) {

@@ -210,6 +210,24 @@ def connect_texture(
     return texture
 
 
+def connect_reader(
+    stage: Usd.Stage, shader: UsdShade.Shader, kind: str, name: str, target: str, fallback: Any = None
+) -> UsdShade.Shader:
+    """Connects a UsdPrimvarReader of a kind such as "float3" to an input of a surface; the reader."""
+    reader = UsdShade.Shader.Define(stage, f"{shader.GetPath()}_{target}_reader")
+    reader.CreateIdAttr(f"UsdPrimvarReader_{kind}")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(name)
+    names = {"float": "Float", "int": "Int", "float2": "Float2", "float4": "Float4", "string": "String"}
+    type_name = getattr(Sdf.ValueTypeNames, names.get(kind, "Float3"))
+    if fallback is not None:
+        reader.CreateInput("fallback", type_name).Set(fallback)
+    reader.CreateOutput("result", type_name)
+    wide = target in ("diffuseColor", "emissiveColor", "specularColor", "normal")
+    wanted = Sdf.ValueTypeNames.Color3f if wide else Sdf.ValueTypeNames.Float
+    shader.CreateInput(target, wanted).ConnectToSource(reader.ConnectableAPI(), "result")
+    return reader
+
+
 def square_with(stage: Usd.Stage, **inputs: Any) -> UsdShade.Material:
     """The material /World/Material with constant inputs, on the square /World/Mesh."""
     material = add_material(stage, "/World/Material", **inputs)

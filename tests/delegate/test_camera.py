@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from encore import _core
 from encore.errors import StageError
-from pxr import Gf, Usd, UsdGeom, UsdUtils
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdUtils
 from stages import add_square, kinds, new_stage, translate
 
 
@@ -107,11 +107,15 @@ def test_a_camera_in_an_invisible_group_still_sees(stage: Usd.Stage) -> None:
     assert translate(stage).camera_path == "/World/Hidden/Camera"
 
 
-def test_orthographic_cameras_are_refused(stage: Usd.Stage) -> None:
-    add_camera(stage).CreateProjectionAttr("orthographic")
-    with pytest.raises(StageError, match="orthographic") as error:
-        translate(stage)
-    assert error.value.where == "/World/Camera.projection"
+def test_orthographic_windows_are_in_scene_units(stage: Usd.Stage) -> None:
+    """Apertures are in tenths of scene units (UsdGeomCamera)."""
+    camera = add_camera(stage)
+    camera.CreateProjectionAttr("orthographic")
+    camera.CreateHorizontalApertureOffsetAttr(5.0)
+    found = translate(stage, width=100).scene.camera
+    assert found["projection"] == "orthographic"
+    np.testing.assert_allclose(found["half_tangent"], [2, 1], rtol=1e-6)
+    np.testing.assert_allclose(found["centre_tangent"], [0.5, 0], rtol=1e-6)
 
 
 def test_a_focal_length_of_0_is_refused_by_core(stage: Usd.Stage) -> None:
@@ -121,16 +125,70 @@ def test_a_focal_length_of_0_is_refused_by_core(stage: Usd.Stage) -> None:
         translation.scene.validate()
 
 
-def test_what_the_camera_asks_for_and_does_not_get(stage: Usd.Stage) -> None:
+def test_the_lens(stage: Usd.Stage) -> None:
     camera = add_camera(stage)
-    assert kinds(translate(stage)).keys() == {"camera"}
-    camera.CreateFStopAttr(2.8)
-    camera.CreateShutterOpenAttr(-0.25)
-    camera.CreateShutterCloseAttr(0.25)
-    camera.CreateExposureAttr(1.0)
-    camera.CreateClippingPlanesAttr([(0, 0, 1, 1)])
-    expected = {"camera", "lens blur", "motion blur", "camera exposure", "clipping planes"}
-    assert kinds(translate(stage)).keys() == expected
+    camera.CreateFocusDistanceAttr(7.0)
+    assert translate(stage).scene.camera["lens_radius"] == 0, "fStop 0 is a pinhole"
+    camera.CreateFStopAttr(2.0)
+    found = translate(stage)
+    assert found.scene.camera["lens_radius"] == pytest.approx(50 / 10 / 2 / 2)
+    assert found.scene.camera["focus_distance"] == 7 and found.lens
+    assert found.scene.camera["aperture_blades"] == 0
+    prim = camera.GetPrim()
+    prim.CreateAttribute("encore:apertureBlades", Sdf.ValueTypeNames.Int).Set(6)
+    prim.CreateAttribute("encore:apertureRotation", Sdf.ValueTypeNames.Float).Set(30.0)
+    found = translate(stage).scene.camera
+    assert found["aperture_blades"] == 6
+    assert found["aperture_rotation_radians"] == pytest.approx(math.radians(30))
+    sharp = translate(stage, depth_of_field=False)
+    assert sharp.scene.camera["lens_radius"] == 0 and not sharp.lens
+
+
+@pytest.mark.parametrize("focus", [0.0, -1.0, math.nan])
+def test_a_lens_without_a_focus(stage: Usd.Stage, focus: float) -> None:
+    camera = add_camera(stage)
+    camera.CreateFStopAttr(2.0)
+    camera.CreateFocusDistanceAttr(focus)
+    translation = translate(stage)
+    assert translation.scene.camera["lens_radius"] == 0
+    assert kinds(translation)["bad lens"] == 1 and translation.reports.has_errors
+
+
+@pytest.mark.parametrize("blades", [-1, 65])
+def test_bad_blades(stage: Usd.Stage, blades: int) -> None:
+    camera = add_camera(stage)
+    camera.CreateFStopAttr(2.0)
+    camera.CreateFocusDistanceAttr(1.0)
+    camera.GetPrim().CreateAttribute("encore:apertureBlades", Sdf.ValueTypeNames.Int).Set(blades)
+    translation = translate(stage)
+    assert translation.scene.camera["aperture_blades"] == 0
+    assert kinds(translation)["bad encore:apertureBlades"] == 1
+
+
+def test_clipping_planes(stage: Usd.Stage) -> None:
+    camera = add_camera(stage)
+    camera.CreateClippingPlanesAttr([(0, 0, 1, 1), (0, 0, 0, 3), (1, 0, 0, -2)])
+    translation = translate(stage)
+    planes = [tuple(p) for p in translation.scene.camera["clipping_planes"]]
+    assert planes == [(0, 0, 1, 1), (1, 0, 0, -2)]
+    assert kinds(translation)["bad clipping plane"] == 1
+
+
+def test_exposure(stage: Usd.Stage) -> None:
+    camera = add_camera(stage)
+    assert translate(stage).scene.camera["exposure_scale"] == 1
+    camera.CreateExposureAttr(3.0)
+    assert translate(stage).scene.camera["exposure_scale"] == 8
+    if hasattr(camera, "CreateExposureTimeAttr"):
+        camera.CreateExposureTimeAttr(0.5)
+        camera.CreateExposureFStopAttr(2.0)
+        expected = camera.ComputeLinearExposureScale()
+        assert expected == pytest.approx(1)
+        assert translate(stage).scene.camera["exposure_scale"] == pytest.approx(expected)
+    camera.GetExposureAttr().Set(math.inf)
+    translation = translate(stage)
+    assert translation.scene.camera["exposure_scale"] == 1
+    assert kinds(translation)["bad exposure"] == 1
 
 
 def test_time_samples(stage: Usd.Stage) -> None:

@@ -40,6 +40,7 @@ USDRECORD = {
     "--enableDomeLightVisibility": None,
 }
 OURS = [
+    *("--disableMotionBlur", "--disableDepthOfField", "--shutterOpen", "--shutterClose"),
     *(setting.flag for setting in SETTINGS.values()),
     *("--stats", "--progress", "--device", "--strict", "--verbose", "--quiet", "-q"),
     *("--ocioConfig", "--ocioDisplay", "--ocioView", "--renderPassPrimPath", "--renderSettingsPrimPath"),
@@ -107,6 +108,8 @@ def test_defaults_of_usdrecord() -> None:
     options = parse()
     assert options.purposes == ("proxy",)
     assert options.camera_light
+    assert options.motion_blur and options.depth_of_field
+    assert options.shutter_open is None and options.shutter_close is None
     assert options.complexity == "low"
     assert options.color.resolved_mode == "sRGB"
     assert resolve(options.settings)["width"] == 960
@@ -118,12 +121,15 @@ def test_values_arrive() -> None:
         "--mask", "/A, /B", "--purposes", "render,guide", "--sessionLayer", "s.usda", "-cam", "main",
         "-f", "1:2", "--disableCameraLight", "--disableGpu", "--strict", "--samples", "3", "--memory", "64M",
         "--shadingRate", "0.5", "--enableDomeLightVisibility", "--stats", "s.json", "--device", "llvm",
-        "--ocioView", "Raw",
+        "--ocioView", "Raw", "--disableMotionBlur", "--disableDepthOfField", "--shutterOpen=-0.25",
+        "--shutterClose", "0.5", "--disableEnergyCompensation", "--shaderCache", "none",
     )  # fmt: skip
     assert options.mask == ("/A", "/B")
     assert options.purposes == ("render", "guide")
     assert (options.session_layer, options.camera, options.frames) == ("s.usda", "main", "1:2")
     assert not options.camera_light
+    assert not options.motion_blur and not options.depth_of_field
+    assert (options.shutter_open, options.shutter_close) == (-0.25, 0.5)
     assert options.disable_gpu
     assert options.strict
     assert (options.stats, options.device) == ("s.json", "llvm")
@@ -133,13 +139,15 @@ def test_values_arrive() -> None:
         "memory_budget_bytes": 64 * 2**20,
         "shading_rate": 0.5,
         "dome_light_visible": True,
+        "energy_compensation": False,
+        "shader_cache": "none",
     }
 
 
 @pytest.mark.parametrize("setting", SETTINGS.values(), ids=lambda s: s.flag)
 def test_every_setting_has_a_flag_that_works(setting: object) -> None:
     key, kind, default = setting.key, setting.kind, setting.default  # type: ignore[attr-defined]
-    values = {"int": "32", "float": "0.75", "size": "32", "choice": default, "bool": None}
+    values = {"int": "32", "float": "0.75", "size": "32", "choice": default, "bool": None, "text": "none"}
     for flag in setting.flags:  # type: ignore[attr-defined]
         given = parse(flag, *([values[kind]] if values[kind] else [])).settings
         assert set(given) == {key}
@@ -169,6 +177,16 @@ def test_complexity_divides_the_edge_length(name: str, factor: int) -> None:
         (["--method", "radiosity"], ExitCode.USAGE, "reuse, reference, decoupled, decoupled-pixel, vertex"),
         (["--search", "cells", "--footprintReuse", "metric"], ExitCode.SETTING, "--search: 'cells'"),
         (["--footprintWeight", "0"], ExitCode.SETTING, "--footprintWeight: 0"),
+        (["--search", "cells", "--reuseTimeWeight", "1"], ExitCode.SETTING, "With --reuseTimeWeight"),
+        (["--glassShadows", "green"], ExitCode.USAGE, "transmit, opaque"),
+        (["--shutterOpen", "soon"], ExitCode.USAGE, "--shutterOpen: 'soon' is not a number of frames"),
+        (["--shutterClose", "inf"], ExitCode.USAGE, "--shutterClose: 'inf'"),
+        (
+            ["--shutterOpen", "1", "--shutterClose", "0"],
+            ExitCode.SETTING,
+            "--shutterClose: the shutter closes",
+        ),
+        (["--shaderCache", "/dev/null/x"], ExitCode.OUTPUT, "/dev/null/x: cannot be used as a shader cache"),
         (["--renderer", "Storm"], ExitCode.USAGE, "there is no renderer 'Storm'"),
         (["-rs", "/Render/Settings"], ExitCode.USAGE, "not supported yet"),
         (["-rp", "/Render/Pass"], ExitCode.USAGE, "not supported yet"),

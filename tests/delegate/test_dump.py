@@ -32,11 +32,13 @@ def test_a_small_scene(stage: Usd.Stage) -> None:
         == """\
 image 100 x 50
 camera /World/Camera
+  projection: perspective
   to_world: (1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 5, 1)
   half_tangent: (0.5, 0.25)
   centre_tangent: (0, 0)
   near_clip: 1
   far_clip: 1e+06
+  exposure_scale: 1
 light /World/Sun
   kind: distant
   radiance: (50000, 50000, 50000)
@@ -44,10 +46,6 @@ light /World/Sun
   specular: 1
   direction: (0, 0, -1)
   angle_radians: 0
-  centre: (0, 0, 0)
-  half_u: (0.5, 0, 0)
-  half_v: (0, 0.5, 0)
-  radius: 0.5
 material default
   diffuse_color: (0.18, 0.18, 0.18)
   emissive_color: (0, 0, 0)
@@ -116,9 +114,43 @@ def test_everything_else_has_its_line(stage: Usd.Stage, tmp_path: Path) -> None:
         "  displayColor: uniform (1, 0, 0, 0, 1, 0, 0, 0, 1)",
         "  st: uniform (0, 0, 1, 1) indices (0, 1, 0)",
         "  face_materials: - /World/Textured -",
-        f"texture {tmp_path / 'a.png'}\n  pixels: (1, 1, 1, 1)",
+        f"texture {tmp_path / 'a.png'}\n  size: 1 x 1",
     ):
         assert line in text, line
+
+
+def test_lights_and_cameras_say_what_matters_of_their_kind(stage: Usd.Stage, tmp_path: Path) -> None:
+    camera = UsdGeom.Camera.Define(stage, "/World/Camera")
+    camera.CreateFStopAttr(2.5)
+    camera.CreateFocusDistanceAttr(4.0)
+    camera.CreateShutterOpenAttr(-0.25)
+    camera.CreateShutterCloseAttr(0.25)
+    camera.CreateClippingPlanesAttr([(0, 0, 1, 2)])
+    mesh = add_square(stage, "/World/Mesh")
+    UsdLux.MeshLightAPI.Apply(mesh.GetPrim())
+    op = mesh.AddTranslateOp()
+    op.Set((0, 0, 0), 0)
+    op.Set((4, 0, 0), 2)
+    dome = UsdLux.DomeLight.Define(stage, "/World/Dome")
+    dome.CreateTextureFileAttr(write_image(tmp_path / "sky.exr"))
+    spot = UsdLux.SphereLight.Define(stage, "/World/Spot").GetPrim()
+    UsdLux.ShapingAPI.Apply(spot).CreateShapingConeAngleAttr(180 / np.pi)
+    UsdLux.ShadowAPI.Apply(spot).CreateShadowDistanceAttr(3.0)
+    Usd.CollectionAPI(spot, "lightLink").CreateExcludesRel().AddTarget("/World/Mesh")
+    text = dump(translate(stage, time=Usd.TimeCode(1)))
+    for line in (
+        "\nshutter -0.25 to 0.25\n",
+        "\n  clipping_planes: (0, 0, 1, 2)\n  lens_radius: 1\n  focus_distance: 4\n  aperture_blades: 0\n",
+        "\n  motion: (1, 0, 0, 0, 1, 0, 0, 0, 1, 1.5, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 2.5, 0, 0)\n",
+        "\nlight /World/Mesh\n  kind: mesh\n  radiance: (1, 1, 1)\n  diffuse: 1\n  specular: 1\n"
+        "  instance: /World/Mesh\n",
+        f"\n  axis_z: (0, 0, 1)\n  texture: {tmp_path / 'sky.exr'} latlong\n",
+        "\n  lit_groups: (0)\n",
+        "\n  cone_angle_radians: 1\n",
+        "\n  shadow_distance: 3\n",
+        "\n  link_group: 0\n",
+    ):
+        assert line in text, text
 
 
 def test_equal_scenes_have_equal_text_and_long_arrays_a_checksum(stage: Usd.Stage) -> None:

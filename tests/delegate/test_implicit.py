@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 from stages import (
     add_material,
     bind,
+    connect_reader,
     connect_texture,
     instances,
     kinds,
@@ -179,6 +180,42 @@ def test_st_when_a_material_reads_it(stage: Usd.Stage, tmp_path: Path) -> None:
     points = Solid(stage)
     heights = points.points[points.mesh["face_vertex_indices"]][:, 2]
     np.testing.assert_allclose(np.sin((st["values"][:, 1] - 0.5) * PI), heights, atol=1e-6)
+
+
+def test_shapes_are_solids_but_for_planes(stage: Usd.Stage) -> None:
+    """As closed meshes are; primvars:encore:thinWalled decides otherwise."""
+    glass = add_material(stage, "/World/Glass", opacity=0.0)
+    for kind, attributes, _, _ in SHAPES:
+        bind(define(stage, kind, attributes, f"/World/Shapes/{kind}"), glass)
+    bubble = define(stage, "Sphere", {}, "/World/Shapes/Bubble")
+    bind(bubble, glass)
+    UsdGeom.PrimvarsAPI(bubble).CreatePrimvar("encore:thinWalled", Sdf.ValueTypeNames.Bool).Set(True)
+    translation = translate(stage)
+    scene = translation.scene
+    thin = {
+        path: scene.mesh(scene.prototype(placed["prototype"])["meshes"][0])["thin_walled"]
+        for path, placed in instances(translation).items()
+    }
+    assert {path.rpartition("/")[2] for path, is_thin in thin.items() if is_thin} == {"Plane", "Bubble"}
+
+
+def test_primvars_that_materials_read(stage: Usd.Stage) -> None:
+    """Constant ones; shapes that bring some do not share."""
+    material = add_material(stage, "/World/Material")
+    connect_reader(stage, surface(material), "float", "wear", "roughness")
+    for i in range(2):
+        prim = define(stage, "Sphere", {}, f"/World/Sphere{i}")
+        bind(prim, material)
+        UsdGeom.PrimvarsAPI(prim).CreatePrimvar("wear", Sdf.ValueTypeNames.Float).Set(0.25 * (i + 1))
+    found = meshes(translate(stage))
+    assert [found[f"/World/Sphere{i}"]["primvars"][0]["values"].tolist() for i in range(2)] == [
+        [[0.25, 0, 0, 0]],
+        [[0.5, 0, 0, 0]],
+    ]
+    prim.RemoveProperty("primvars:wear")
+    varying = UsdGeom.PrimvarsAPI(prim).CreatePrimvar("wear", Sdf.ValueTypeNames.FloatArray, "vertex")
+    varying.Set([1.0, 2.0])
+    assert kinds(translate(stage))["missing primvar wear"] == 1
 
 
 @pytest.mark.parametrize(

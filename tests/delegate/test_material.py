@@ -1,7 +1,6 @@
 """Materials: constants, bindings, cut-outs, fallbacks, and what is reported."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from stages import (
     add_square,
     add_strip,
     bind,
-    connect_texture,
     instances,
     kinds,
     material_name,
@@ -21,7 +19,6 @@ from stages import (
     square_with,
     surface,
     translate,
-    write_image,
 )
 
 CONSTANTS = {
@@ -69,6 +66,8 @@ def test_defaults_are_the_specifications(stage: Usd.Stage) -> None:
         "clearcoat_roughness": pytest.approx(0.01),
         "opacity": 1,
         "ior": 1.5,
+        "normal": (0, 0, 1),
+        "displacement": 0,
     }
 
 
@@ -116,6 +115,8 @@ def test_time_samples(stage: Usd.Stage) -> None:
     [
         ("roughness", math.nan, "bad roughness", 0.5),
         ("diffuseColor", (0.0, math.inf, 0.0), "bad diffuseColor", (0.18, 0.18, 0.18)),
+        ("roughness", -0.5, "bad roughness", 0.0),
+        ("metallic", 2.0, "bad metallic", 1.0),
         ("ior", 0.0, "bad ior", 1.5),
         ("ior", -1.0, "bad ior", 1.5),
     ],
@@ -129,22 +130,44 @@ def test_bad_constants(stage: Usd.Stage, name: str, value: object, kind: str, us
     translation.scene.validate()
 
 
-def test_inputs_that_are_not_supported_are_reported(stage: Usd.Stage, tmp_path: Path) -> None:
-    material = square_with(stage, displacement=0.5, normal=(0.0, 0.0, 1.0))
-    shader = surface(material)
-    texture = connect_texture(stage, shader, write_image(tmp_path / "a.png"))
-    texture.CreateOutput("r", Sdf.ValueTypeNames.Float)
-    for name in ("roughness", "occlusion"):
-        shader.CreateInput(name, Sdf.ValueTypeNames.Float).ConnectToSource(texture.ConnectableAPI(), "r")
-    shader.GetInput("roughness").Set(0.625)
-    shader.CreateInput("opacityMode", Sdf.ValueTypeNames.Token).Set("presence")
-    shader.CreateInput("opacity", Sdf.ValueTypeNames.Float).Set(0.5)
+def test_occlusion_is_ignored_as_the_specification_says(stage: Usd.Stage) -> None:
+    square_with(stage, occlusion=0.5)
     translation = translate(stage)
-    expected = {"connected roughness", "input occlusion", "input displacement", "opacityMode"}
-    assert expected <= kinds(translation).keys()
-    assert "input normal" not in kinds(translation), "a neutral value has no effect to miss"
-    found = materials(translation)["/World/Material"]["inputs"]["roughness"]
-    assert found["node"] == -1 and found["value"] == 0.625, "what is authored beside the connection"
+    assert "occlusion" not in materials(translation)["/World/Material"]["inputs"]
+    assert not kinds(translation).keys() - {"camera"}
+
+
+@pytest.mark.parametrize(("mode", "used"), [("transparent", "transparent"), ("presence", "presence")])
+def test_opacity_modes(stage: Usd.Stage, mode: str, used: str) -> None:
+    square_with(stage, opacity=0.5, opacityMode=mode)
+    translation = translate(stage)
+    assert materials(translation)["/World/Material"]["opacity_mode"] == used
+    assert not kinds(translation).keys() - {"camera"}
+
+
+def test_an_unknown_opacity_mode(stage: Usd.Stage) -> None:
+    square_with(stage, opacityMode="ghost")
+    translation = translate(stage)
+    assert materials(translation)["/World/Material"]["opacity_mode"] == "transparent"
+    assert kinds(translation)["opacityMode"] == 1
+
+
+@pytest.mark.parametrize(("value", "used"), [(3, 3), (-2, -2), (None, 0)])
+def test_dielectric_priority(stage: Usd.Stage, value: int | None, used: int) -> None:
+    material = square_with(stage, opacity=0.0)
+    if value is not None:
+        material.CreateInput("encore:dielectricPriority", Sdf.ValueTypeNames.Int).Set(value)
+    translation = translate(stage)
+    assert materials(translation)["/World/Material"]["dielectric_priority"] == used
+    assert "bad dielectricPriority" not in kinds(translation)
+
+
+def test_a_bad_dielectric_priority(stage: Usd.Stage) -> None:
+    material = square_with(stage, opacity=0.0)
+    material.CreateInput("encore:dielectricPriority", Sdf.ValueTypeNames.Float).Set(1.5)
+    translation = translate(stage)
+    assert materials(translation)["/World/Material"]["dielectric_priority"] == 0
+    assert kinds(translation)["bad dielectricPriority"] == 1
 
 
 # Bindings
@@ -316,7 +339,10 @@ def test_a_material_that_reads_display_color(stage: Usd.Stage) -> None:
     assert [n["kind"] for n in materials(translation)["/World/Material"]["nodes"]] == ["displayColor"]
     assert meshes(translation)["/World/Mesh"]["display_color"]["values"].tolist() == [[0, 1, 0]]
     reader.GetInput("varname").Set("something")
-    assert kinds(translate(stage))["connected diffuseColor"] == 1
+    translation = translate(stage)
+    (node,) = materials(translation)["/World/Material"]["nodes"]
+    assert (node["kind"], node["primvar"]) == ("primvar", "something")
+    assert kinds(translation)["missing primvar something"] == 1
 
 
 def test_materials_that_are_not_supported_fall_back_to_display_color() -> None:

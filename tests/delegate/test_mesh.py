@@ -7,15 +7,17 @@ import numpy as np
 import pytest
 from encore.adapters.context import SyncContext
 from encore.adapters.mesh import read_mesh
+from encore.adapters.primvars import Wanted
 from encore.errors import StageError
 from encore.report import Reports
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, Vt
+from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 from stages import (
     SQUARE,
     add_material,
     add_square,
     add_strip,
     bind,
+    connect_reader,
     connect_texture,
     instances,
     kinds,
@@ -82,7 +84,7 @@ def test_every_scheme(stage: Usd.Stage, scheme: str) -> None:
 def test_points_are_not_copied_in_python(stage: Usd.Stage) -> None:
     mesh = add_square(stage, "/World/Mesh")
     context = SyncContext(stage, Usd.TimeCode.Default(), Reports())
-    data = read_mesh(mesh, {}, (), False, context)
+    data = read_mesh(mesh, {}, Wanted(), context)
     assert data is not None
     for array in (data.points, data.face_vertex_counts, data.face_vertex_indices):
         assert not array.flags.owndata, "a view of USD's own array"
@@ -169,6 +171,16 @@ def test_missing_coordinates_are_reported(stage: Usd.Stage, tmp_path: Path) -> N
     assert meshes(translation)["/World/Mesh"]["texcoords"] == []
 
 
+def test_coordinates_of_another_type_are_reported(stage: Usd.Stage, tmp_path: Path) -> None:
+    mesh = add_square(stage, "/World/Mesh")
+    add_textured(stage, mesh, tmp_path)
+    primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord3fArray, "constant")
+    primvar.Set([(0, 0, 0)])
+    translation = translate(stage)
+    assert kinds(translation)["bad primvar st"] == 1
+    assert meshes(translation)["/World/Mesh"]["texcoords"] == []
+
+
 @pytest.mark.parametrize(
     ("values", "indices"),
     [
@@ -202,6 +214,257 @@ def test_a_long_primvar_is_cut(stage: Usd.Stage) -> None:
     found = meshes(translation)["/World/Mesh"]["display_color"]["values"]
     assert found[:, 0].tolist() == [0, 0.125, 0.25, 0.375]
     assert kinds(translation)["long primvar displayColor"] == 1
+
+
+# Primvars that materials read
+
+
+def bind_reader(
+    stage: Usd.Stage, mesh: UsdGeom.Mesh, kind: str, name: str, target: str, fallback: object = None
+) -> None:
+    """Binds a material whose input `target` reads the primvar."""
+    material = add_material(stage, "/World/Reading")
+    connect_reader(stage, surface(material), kind, name, target, fallback)
+    bind(mesh, material)
+
+
+@pytest.mark.parametrize("interpolation", SIZES)
+@pytest.mark.parametrize("indexed", [False, True])
+def test_primvars_of_materials(stage: Usd.Stage, interpolation: str, indexed: bool) -> None:
+    mesh = add_strip(stage, "/World/Mesh")
+    bind_reader(stage, mesh, "float3", "tint", "diffuseColor")
+    size = SIZES[interpolation]
+    values = np.arange(3 * size, dtype=np.float32).reshape(size, 3)
+    primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("tint", Sdf.ValueTypeNames.Color3fArray, interpolation)
+    primvar.Set(Vt.Vec3fArray.FromNumpy(values[::-1].copy() if indexed else values))
+    if indexed:
+        primvar.SetIndices(Vt.IntArray(range(size - 1, -1, -1)))
+    translation = translate(stage)
+    (found,) = meshes(translation)["/World/Mesh"]["primvars"]
+    assert (found["name"], found["interpolation"]) == ("tint", interpolation)
+    flat = found["values"][found["indices"]] if indexed else found["values"]
+    np.testing.assert_array_equal(flat[:, :3], values)
+    assert (flat[:, 3] == 0).all()
+    assert not kinds(translation).keys() - {"camera"}
+
+
+@pytest.mark.parametrize(
+    ("reader", "target", "kind", "value", "expected"),
+    [
+        ("float", "roughness", "FloatArray", [0.25], [0.25, 0, 0, 0]),
+        ("float", "roughness", "Float", 0.25, [0.25, 0, 0, 0]),
+        ("float", "roughness", "DoubleArray", [0.25], [0.25, 0, 0, 0]),
+        ("float", "roughness", "HalfArray", [0.25], [0.25, 0, 0, 0]),
+        ("int", "metallic", "IntArray", [1], [1, 0, 0, 0]),
+        ("float3", "diffuseColor", "Float3", (1, 2, 3), [1, 2, 3, 0]),
+        ("point", "emissiveColor", "Point3fArray", [(1, 2, 3)], [1, 2, 3, 0]),
+        ("normal", "emissiveColor", "Normal3fArray", [(1, 2, 3)], [1, 2, 3, 0]),
+        ("vector", "emissiveColor", "Vector3dArray", [(1, 2, 3)], [1, 2, 3, 0]),
+        # More than is read is no harm.
+        ("float3", "diffuseColor", "Color4fArray", [(1, 2, 3, 4)], [1, 2, 3, 4]),
+    ],
+)
+def test_types_of_primvars(
+    stage: Usd.Stage, reader: str, target: str, kind: str, value: object, expected: list[float]
+) -> None:
+    mesh = add_square(stage, "/World/Mesh")
+    bind_reader(stage, mesh, reader, "x", target)
+    type_name = getattr(Sdf.ValueTypeNames, kind)
+    UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("x", type_name, "constant").Set(value)
+    translation = translate(stage)
+    (found,) = meshes(translation)["/World/Mesh"]["primvars"]
+    assert found["values"].tolist() == [expected]
+    assert not kinds(translation).keys() - {"camera"}
+    translation.scene.validate()
+
+
+@pytest.mark.parametrize(
+    ("reader", "target", "kind", "value"),
+    [
+        ("float3", "diffuseColor", "FloatArray", [0.25]),
+        ("float", "roughness", "StringArray", ["rough"]),
+        ("float", "roughness", "Matrix4dArray", [Gf.Matrix4d(1)]),
+        ("float3", "diffuseColor", "Float3Array", [(math.nan, 0, 0)]),
+    ],
+)
+def test_primvars_that_a_material_cannot_read(
+    stage: Usd.Stage, reader: str, target: str, kind: str, value: object
+) -> None:
+    mesh = add_square(stage, "/World/Mesh")
+    bind_reader(stage, mesh, reader, "x", target)
+    type_name = getattr(Sdf.ValueTypeNames, kind)
+    UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("x", type_name, "constant").Set(value)
+    translation = translate(stage)
+    assert meshes(translation)["/World/Mesh"]["primvars"] == []
+    assert kinds(translation)["bad primvar x"] == 1
+    translation.scene.validate()
+
+
+def test_missing_primvars_are_reported_where_nothing_replaces_them(stage: Usd.Stage) -> None:
+    mesh = add_square(stage, "/World/Mesh")
+    bind_reader(stage, mesh, "float", "x", "roughness")
+    assert kinds(translate(stage))["missing primvar x"] == 1
+    bind_reader(stage, mesh, "float", "x", "roughness", 0.75)
+    assert "missing primvar x" not in kinds(translate(stage))
+
+
+def test_normals_of_the_wrong_width_are_left_out(stage: Usd.Stage) -> None:
+    """Twelve floats are no four normals."""
+    mesh = add_square(stage, "/World/Mesh")
+    primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("normals", Sdf.ValueTypeNames.FloatArray, "vertex")
+    primvar.Set([0.0, 0, 1] * 4)
+    translation = translate(stage)
+    assert meshes(translation)["/World/Mesh"]["normals"] is None
+    assert kinds(translation)["bad primvar normals"] == 1
+
+
+def test_inherited_primvars_that_materials_read_tell_instances_apart(stage: Usd.Stage) -> None:
+    """Others do not, so that instances go on to share."""
+    stage.CreateClassPrim("/Asset")
+    bind_reader(stage, add_square(stage, "/Asset/Mesh"), "float", "wear", "roughness")
+    for i in range(4):
+        prim = stage.DefinePrim(f"/World/I{i}")
+        prim.GetReferences().AddInternalReference("/Asset")
+        prim.SetInstanceable(True)
+        api = UsdGeom.PrimvarsAPI(prim)
+        api.CreatePrimvar("id", Sdf.ValueTypeNames.Float).Set(float(i))
+        api.CreatePrimvar("wear", Sdf.ValueTypeNames.Float).Set(float(i // 2))
+    translation = translate(stage)
+    scene = translation.scene
+    assert translation.counts["prototypes"] == 2
+    worn = [scene.mesh(i)["primvars"][0]["values"][0, 0] for i in range(scene.mesh_count)]
+    assert sorted(worn) == [0, 1]
+    assert [scene.instance(i)["prototype"] for i in range(4)] in ([0, 0, 1, 1], [1, 1, 0, 0])
+
+
+# Sheets and solids
+
+TETRAHEDRON = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+FACES = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)]
+
+
+def add_tetrahedron(stage: Usd.Stage, faces: list[tuple[int, ...]], split: bool = False) -> UsdGeom.Mesh:
+    """split: every face has points of its own."""
+    mesh = UsdGeom.Mesh.Define(stage, "/World/Mesh")
+    points = [TETRAHEDRON[i] for face in faces for i in face] if split else TETRAHEDRON
+    mesh.CreatePointsAttr(points)
+    mesh.CreateFaceVertexCountsAttr([3] * len(faces))
+    mesh.CreateFaceVertexIndicesAttr(list(range(3 * len(faces))) if split else [i for f in faces for i in f])
+    mesh.CreateSubdivisionSchemeAttr("none")
+    return mesh
+
+
+@pytest.mark.parametrize(
+    ("faces", "split", "thin"),
+    [(FACES, False, False), (FACES, True, False), (FACES[:3], False, True), (FACES[:3], True, True)],
+)
+def test_closed_meshes_are_solids(
+    stage: Usd.Stage, faces: list[tuple[int, ...]], split: bool, thin: bool
+) -> None:
+    mesh = add_tetrahedron(stage, faces, split)
+    bind(mesh, add_material(stage, "/World/Glass", opacity=0.0))
+    assert meshes(translate(stage))["/World/Mesh"]["thin_walled"] is thin
+
+
+def test_zeros_of_either_sign_are_one_place(stage: Usd.Stage) -> None:
+    mesh = add_tetrahedron(stage, FACES, split=True)
+    points = np.array(mesh.GetPointsAttr().Get())
+    points[:3][points[:3] == 0] = -0.0
+    mesh.GetPointsAttr().Set(Vt.Vec3fArray.FromNumpy(points))
+    bind(mesh, add_material(stage, "/World/Glass", opacity=0.0))
+    assert not meshes(translate(stage))["/World/Mesh"]["thin_walled"]
+
+
+def test_holes_open_a_mesh(stage: Usd.Stage) -> None:
+    mesh = add_tetrahedron(stage, FACES)
+    mesh.GetSubdivisionSchemeAttr().Set("loop")
+    bind(mesh, add_material(stage, "/World/Glass", opacity=0.0))
+    assert not meshes(translate(stage))["/World/Mesh"]["thin_walled"]
+    mesh.CreateHoleIndicesAttr([1])
+    assert meshes(translate(stage))["/World/Mesh"]["thin_walled"]
+
+
+def test_bodies_that_touch_along_an_edge_are_solids(stage: Usd.Stage) -> None:
+    mesh = add_tetrahedron(stage, FACES)
+    mesh.CreatePointsAttr([*TETRAHEDRON, (0, -1, 0), (0, 0, -1)])
+    second = [(0, 4, 1), (0, 1, 5), (1, 4, 5), (4, 0, 5)]
+    mesh.CreateFaceVertexCountsAttr([3] * 8)
+    mesh.CreateFaceVertexIndicesAttr([i for f in (*FACES, *second) for i in f])
+    bind(mesh, add_material(stage, "/World/Glass", opacity=0.0))
+    assert not meshes(translate(stage))["/World/Mesh"]["thin_walled"]
+
+
+@pytest.mark.parametrize("authored", [True, False])
+def test_thin_walled_as_authored_above_the_mesh(stage: Usd.Stage, authored: bool) -> None:
+    mesh = add_tetrahedron(stage, FACES if authored else FACES[:3])
+    bind(mesh, add_material(stage, "/World/Glass", opacity=0.0))
+    api = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/World"))
+    api.CreatePrimvar("encore:thinWalled", Sdf.ValueTypeNames.Bool).Set(authored)
+    assert meshes(translate(stage))["/World/Mesh"]["thin_walled"] is authored
+
+
+@pytest.mark.parametrize(
+    ("inputs", "looked_at"),
+    [
+        ({"opacity": 0.5}, True),
+        ({"opacity": 1.0}, False),
+        ({"opacity": 0.5, "opacityMode": "presence"}, False),
+        ({"opacity": 0.5, "opacityThreshold": 0.25}, False),
+    ],
+)
+def test_only_what_transmits_is_looked_at(
+    stage: Usd.Stage, inputs: dict[str, object], looked_at: bool
+) -> None:
+    bind(add_square(stage, "/World/Mesh"), add_material(stage, "/World/Material", **inputs))
+    assert meshes(translate(stage))["/World/Mesh"]["thin_walled"] is looked_at
+
+
+# Motion
+
+
+def test_deforming_meshes_bring_points_and_normals_of_the_shutter(stage: Usd.Stage) -> None:
+    mesh = add_square(stage, "/World/Mesh")
+    points = np.array(SQUARE, np.float32)
+    mesh.CreateNormalsAttr()
+    mesh.SetNormalsInterpolation("faceVarying")
+    for time, scale, normal in ((0.0, 1.0, (0, 0, 1)), (1.0, 3.0, (0, 1, 0))):
+        mesh.GetPointsAttr().Set(Vt.Vec3fArray.FromNumpy(points * scale), time)
+        mesh.GetNormalsAttr().Set([normal] * 4, time)
+    context = SyncContext(stage, Usd.TimeCode(0), Reports(), (0.0, 1.0))
+    data = read_mesh(mesh, {}, Wanted(), context)
+    assert data is not None and data.motion_points is not None and data.motion_normals is not None
+    np.testing.assert_allclose(data.motion_points[[0, -1]], [points, points * 3])
+    np.testing.assert_allclose(data.motion_normals[[0, -1], 0], [(0, 0, 1), (0, 1, 0)])
+    assert len(data.motion_points) == len(data.motion_normals)
+    moved = data.transformed(np.diag([2.0, 1.0, -1.0, 1.0]))
+    np.testing.assert_allclose(moved.motion_points[-1], points * 3 * (2, 1, -1))
+    np.testing.assert_allclose(moved.motion_normals[0, 0], (0, 0, -1))
+    still = read_mesh(mesh, {}, Wanted(), SyncContext(stage, Usd.TimeCode(0), Reports()))
+    assert still is not None and still.motion_points is None and still.motion_normals is None
+
+
+def test_faces_that_are_cut_take_their_primvars_along(stage: Usd.Stage) -> None:
+    mesh = add_strip(stage, "/World/Mesh")
+    bind_reader(stage, mesh, "float", "x", "roughness")
+    UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("x", Sdf.ValueTypeNames.FloatArray, "uniform").Set(
+        [1.0, 2.0, 3.0]
+    )
+    normals = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+        "normals", Sdf.ValueTypeNames.Normal3fArray, UsdGeom.Tokens.faceVarying
+    )
+    for time in (0.0, 1.0):
+        normals.Set([(float(i), time, 1) for i in range(12)], time)
+        mesh.GetPointsAttr().Set(Vt.Vec3fArray([(x, y, time) for x in range(4) for y in range(2)]), time)
+    found = UsdGeom.PrimvarsAPI(mesh).GetPrimvars()
+    context = SyncContext(stage, Usd.TimeCode(0), Reports(), (0.0, 1.0))
+    data = read_mesh(mesh, {str(p.GetPrimvarName()): p for p in found}, Wanted(primvars={"x": 1}), context)
+    assert data is not None
+    kept = data.without(np.array([False, True, False]))
+    assert kept.primvars["x"].values[:, 0].tolist() == [1, 3]
+    assert kept.normals is not None and kept.motion_normals is not None
+    corners = [0, 1, 2, 3, 8, 9, 10, 11]
+    assert kept.normals.values[:, 0].tolist() == corners
+    assert kept.motion_normals[-1].tolist() == [[i, 1, 1] for i in corners]
 
 
 def test_edge_lengths_are_inherited(stage: Usd.Stage) -> None:
@@ -341,7 +604,6 @@ def test_an_empty_mesh_is_reported(stage: Usd.Stage) -> None:
 def test_what_is_unsupported_is_reported_once_per_kind() -> None:
     stage = new_stage()
     mesh = add_square(stage, "/World/Mesh")
-    UsdLux.MeshLightAPI.Apply(mesh.GetPrim())
     for i in range(3):
         UsdGeom.BasisCurves.Define(stage, f"/World/Curves{i}")
     UsdGeom.Points.Define(stage, "/World/Points")
@@ -355,7 +617,7 @@ def test_what_is_unsupported_is_reported_once_per_kind() -> None:
     translation = translate(stage)
     found = kinds(translation)
     assert found["unsupported BasisCurves"] == 3
-    expected = {"Points", "NurbsPatch", "TetMesh", "Volume", "MeshLightAPI"}
+    expected = {"Points", "NurbsPatch", "TetMesh", "Volume"}
     assert {k.removeprefix("unsupported ") for k in found if k.startswith("unsupported ")} - {
         "BasisCurves"
     } == expected

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 from encore import cli, record
+from encore.adapters.camera import ShutterOptions
 from encore.errors import Cancelled, ExitCode, SettingError, StageError
 from encore.image_file import ImageInfo
 from encore.image_writer import ImageWriter
@@ -237,7 +238,8 @@ def test_render_settings_of_the_stage_are_said_to_be_unused(
 
 def test_flags_reach_the_translation(stage: str) -> None:
     flags = ("--purposes", "render", "--camera", "/C", "-w", "64", "--imageHeight", "32", "--strict")
-    more = ("--disableCameraLight", "--targetEdgeLength", "0.5", "--complexity", "high")
+    more = ("--disableCameraLight", "--disableDepthOfField", "--shutterOpen=-1")
+    more = (*more, "--targetEdgeLength", "0.5", "--complexity", "high")
     assert run(stage, "a.png", *flags, *more) == ExitCode.OK
     assert StandInPass.options == {
         "camera": "/C",
@@ -246,6 +248,8 @@ def test_flags_reach_the_translation(stage: str) -> None:
         "height": 32,
         "camera_light": False,
         "strict": True,
+        "shutter": ShutterOptions(motion_blur=True, opens=-1.0, closes=None),
+        "depth_of_field": False,
     }
     assert StandInPass.settings["target_edge_length_world"] == 0.5
     assert StandInPass.settings["edge_length_scale"] == 0.25

@@ -56,7 +56,13 @@ class Core:
 def core(monkeypatch: pytest.MonkeyPatch) -> Core:
     made = Core()
     found = SimpleNamespace(
-        scene=None, width=WIDTH, height=HEIGHT, camera_path="/World/Camera", reports=Reports()
+        scene=None,
+        width=WIDTH,
+        height=HEIGHT,
+        camera_path="/World/Camera",
+        reports=Reports(),
+        shutter=(-0.25, 0.5),
+        lens=True,
     )
     monkeypatch.setattr(render_pass, "load_core", lambda: made)
     monkeypatch.setattr(render_pass, "translate", lambda *arguments: found)
@@ -84,15 +90,30 @@ def test_the_file_and_what_is_said_of_the_frame(core: Core, tmp_path: Path) -> N
         "encore:frame": "7",
         "encore:seed": "9",
         "encore:stage": "a.usda",
+        "encore:shutter": "-0.25 0.5",
+        "encore:motionBlur": "on",
+        "encore:depthOfField": "on",
         "encore:version:embree": "3.13.5",
     }.items():
         assert header[name] == value
     settings = json.loads(header["encore:settings"])
-    assert settings == core.settings
+    assert settings == {k: v for k, v in core.settings.items() if k != "shader_cache"}
     assert (settings["width"], settings["height"]) == (WIDTH, HEIGHT)
     assert frame.statistics == {"pixels": WIDTH * HEIGHT}
     assert frame.camera == "/World/Camera"
     assert frame.write_s > 0
+
+
+def test_the_shader_cache_reaches_core_and_no_file(
+    core: Core, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = []
+    for home in ("here", "there"):
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / home))
+        render(tmp_path / "a.exr")
+        assert core.settings["shader_cache"] == str(tmp_path / home / "encore")
+        files.append((tmp_path / "a.exr").read_bytes())
+    assert files[0] == files[1]
 
 
 def test_png(core: Core, tmp_path: Path) -> None:

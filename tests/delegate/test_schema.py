@@ -12,7 +12,8 @@ from encore import schema
 from pxr import Sdf
 
 PACKAGE_PARENT = str(Path(encore.__file__).parents[1])
-NAMES = {schema.TARGET_EDGE_LENGTH, schema.SHADING_RATE, *schema.LAYER_SHADING_RATES}
+NUMBERS = {schema.TARGET_EDGE_LENGTH, schema.SHADING_RATE, *schema.LAYER_SHADING_RATES}
+NAMES = {*NUMBERS, schema.THIN_WALLED}
 SOURCE = Path(__file__).parents[2] / "schemas" / "schema.usda"
 
 
@@ -63,11 +64,44 @@ def test_registry_knows_properties_fallbacks_and_documentation() -> None:
         )
     )
     assert set(found) == NAMES
-    assert all(kind == "float" and fallback == 0 for kind, fallback, _ in found.values())
+    assert all(found[name][:2] == ["float", 0] for name in NUMBERS)
+    assert found[schema.THIN_WALLED][:2] == ["bool", None], "not authored means: as the mesh is closed"
+    assert "window pane" in found[schema.THIN_WALLED][2]
     assert "world units" in found[schema.TARGET_EDGE_LENGTH][2]
     assert "per pixel" in found[schema.SHADING_RATE][2]
     for name in schema.LAYER_SHADING_RATES:
         assert f"{name.rpartition(':')[2]} layer" in found[name][2]
+
+
+def test_material_api() -> None:
+    out = run(
+        "import encore" + STAGE + "from pxr import UsdShade\n"
+        "assert not prim.CanApplyAPI('EncoreMaterialAPI'), 'only to materials'\n"
+        "material = UsdShade.Material.Define(stage, '/World/Glass').GetPrim()\n"
+        "assert material.ApplyAPI('EncoreMaterialAPI')\n"
+        "attribute = material.GetAttribute('inputs:encore:dielectricPriority')\n"
+        "assert attribute.Get() == 0 and not attribute.HasAuthoredValue()\n"
+        "attribute.Set(2)\n"
+        "assert UsdShade.Material(material).GetInput('encore:dielectricPriority').Get() == 2\n"
+        "d = Usd.SchemaRegistry().FindAppliedAPIPrimDefinition('EncoreMaterialAPI')\n"
+        "print(d.GetPropertyNames(), d.GetPropertyDocumentation('inputs:encore:dielectricPriority'))"
+    )
+    assert f"['{schema.DIELECTRIC_PRIORITY}']" in out and "overlap" in out
+
+
+def test_light_and_camera_apis() -> None:
+    out = run(
+        "import encore" + STAGE + "from pxr import UsdLux\n"
+        "assert not prim.CanApplyAPI('EncoreCameraAPI'), 'only to cameras'\n"
+        "light = UsdLux.RectLight.Define(stage, '/World/Light').GetPrim()\n"
+        "camera = UsdGeom.Camera.Define(stage, '/World/Camera').GetPrim()\n"
+        "assert light.ApplyAPI('EncoreLightAPI') and camera.ApplyAPI('EncoreCameraAPI')\n"
+        "names = ('encore:samples', 'encore:apertureBlades', 'encore:apertureRotation')\n"
+        "found = [p.GetAttribute(n) for p in (light, camera) for n in names if p.HasAttribute(n)]\n"
+        "print([(a.GetName(), a.Get()) for a in found])"
+    )
+    expected = [("encore:samples", 0), ("encore:apertureBlades", 0), ("encore:apertureRotation", 0.0)]
+    assert out.strip() == str(expected)
 
 
 def test_plugin_path_variable_does_the_same_without_importing_encore() -> None:
@@ -92,6 +126,10 @@ def test_validation_is_clean_with_it_and_not_blind() -> None:
         "prim.GetAttribute('primvars:encore:targetEdgeLength').Set(0.25)\n"
         "prim.GetAttribute('primvars:encore:shadingRate').Set(4)\n"
         "prim.GetAttribute('primvars:encore:shadingRate:reflection').Set(1)\n"
+        "prim.GetAttribute('primvars:encore:thinWalled').Set(True)\n"
+        "material = stage.DefinePrim('/World/Glass', 'Material')\n"
+        "material.ApplyAPI('EncoreMaterialAPI')\n"
+        "material.GetAttribute('inputs:encore:dielectricPriority').Set(1)\n"
         "print(len(errors()), errors())\n"
         "from pxr import Sdf\n"
         "spec = Sdf.CreatePrimInLayer(stage.GetRootLayer(), '/World/Cube')\n"
@@ -124,9 +162,7 @@ def test_compliance_checker_is_clean_with_it() -> None:
 
 def test_generated_schema_is_made_of_the_source() -> None:
     source_layer = Sdf.Layer.OpenAsAnonymous(str(SOURCE))
-    source = source_layer.GetPrimAtPath("/EncorePrimvarsAPI")
     generated_layer = Sdf.Layer.OpenAsAnonymous(str(schema.folder() / "generatedSchema.usda"))
-    made = generated_layer.GetPrimAtPath("/EncorePrimvarsAPI")
 
     def facts(prim: Sdf.PrimSpec) -> dict[str, tuple[object, ...]]:
         return {
@@ -134,11 +170,25 @@ def test_generated_schema_is_made_of_the_source() -> None:
             for p in prim.attributes
         }
 
-    assert facts(source) == facts(made)
-    assert set(facts(made)) == NAMES
+    for api, names in (
+        (schema.API_SCHEMA, NAMES),
+        (schema.MATERIAL_API_SCHEMA, {schema.DIELECTRIC_PRIORITY}),
+        (schema.LIGHT_API_SCHEMA, {schema.LIGHT_SAMPLES}),
+        (schema.CAMERA_API_SCHEMA, {schema.APERTURE_BLADES, schema.APERTURE_ROTATION}),
+    ):
+        made = facts(generated_layer.GetPrimAtPath(f"/{api}"))
+        assert facts(source_layer.GetPrimAtPath(f"/{api}")) == made
+        assert set(made) == names
 
 
 def test_names_are_those_that_the_translation_reads() -> None:
-    from encore.adapters.primvars import SHADING_RATES, TARGET_EDGE_LENGTH
+    from encore.adapters.camera import APERTURE_BLADES, APERTURE_ROTATION
+    from encore.adapters.light import SAMPLES
+    from encore.adapters.material import DIELECTRIC_PRIORITY
+    from encore.adapters.primvars import SHADING_RATES, TARGET_EDGE_LENGTH, THIN_WALLED
 
-    assert {f"primvars:{name}" for name in (*SHADING_RATES, TARGET_EDGE_LENGTH)} == NAMES
+    read = (*SHADING_RATES, TARGET_EDGE_LENGTH, THIN_WALLED)
+    assert {f"primvars:{name}" for name in read} == NAMES
+    assert DIELECTRIC_PRIORITY == schema.DIELECTRIC_PRIORITY
+    assert SAMPLES == schema.LIGHT_SAMPLES
+    assert (APERTURE_BLADES, APERTURE_ROTATION) == (schema.APERTURE_BLADES, schema.APERTURE_ROTATION)

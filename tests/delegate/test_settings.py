@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from encore.errors import SettingError, UsageError
-from encore.settings import GROUPS, SETTINGS, Setting, parse_size, resolve
+from encore.errors import OutputError, SettingError, UsageError
+from encore.settings import GROUPS, SETTINGS, Setting, parse_size, resolve, shader_cache_folder
 
 DOCS = Path(__file__).parents[2] / "docs"
 NUMERIC = [s for s in SETTINGS.values() if s.kind in ("int", "float", "size")]
@@ -18,16 +18,16 @@ def test_keys_and_defaults_are_those_of_the_core() -> None:
     for key, setting in SETTINGS.items():
         if setting.default is not None:
             expected = (
-                setting.default if setting.kind == "choice" else pytest.approx(setting.default, rel=1e-6)
+                setting.default if isinstance(setting.default, str) else pytest.approx(setting.default, rel=1e-6)
             )
             assert core[key] == expected, key
 
 
-def core_refuses(key: str, value: Any) -> bool:
+def core_refuses(key: str, value: Any, **others: Any) -> bool:
     """Whether the core calls the value out of range; it checks settings before it looks at the scene."""
     core = pytest.importorskip("encore._core")
     with pytest.raises(core.Error) as caught:
-        core.render(core.Scene(), {key: value})
+        core.render(core.Scene(), {key: value, **others})
     return caught.value.kind == "setting" and caught.value.where == key
 
 
@@ -65,6 +65,37 @@ def test_names_of_choices_are_those_of_the_core() -> None:
 def test_tiles_must_be_whole_blocks() -> None:
     with pytest.raises(SettingError, match="multiple of 16"):
         resolve({"reuse_tile_pixels": 100})
+
+
+def test_the_shader_cache_is_where_the_system_has_caches(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    assert shader_cache_folder("") == str(tmp_path / "xdg" / "encore")
+    assert (tmp_path / "xdg" / "encore").is_dir()
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert shader_cache_folder("") == str(tmp_path / "home" / ".cache" / "encore")
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative/is/ignored")
+    assert shader_cache_folder("") == str(tmp_path / "home" / ".cache" / "encore")
+
+
+def test_shader_caches_that_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert shader_cache_folder("none") == ""
+    assert shader_cache_folder(str(tmp_path / "a" / "b")) == str(tmp_path / "a" / "b")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot be used as a shader cache"):
+        shader_cache_folder(str(tmp_path / "file" / "below"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert shader_cache_folder("") == "", "without one that can be made there is none"
+
+
+@pytest.mark.parametrize("key", ["reuse_time_weight", "reuse_direction_weight"])
+def test_searches_that_do_not_know_time_and_direction(key: str) -> None:
+    resolve({"search": "tree", key: 1.0})
+    with pytest.raises(SettingError, match=SETTINGS[key].flag):
+        resolve({"search": "groups", key: 1.0})
+    assert core_refuses("search", "groups", **{key: 1.0})
 
 
 def test_resolve_puts_given_values_over_defaults() -> None:

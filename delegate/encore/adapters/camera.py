@@ -3,25 +3,40 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
 
-from encore.adapters.context import Matrix, SyncContext, to_matrix
+from encore.adapters.context import Matrix, SyncContext, floats, to_matrix
+from encore.adapters.matrix_motion import Matrices, world_keys
 from encore.errors import StageError
 
 AUTOMATIC = ""  # path of a camera that is not in the stage
+# Of the lens; UsdGeomCamera has no such thing. Corners, and degrees.
+APERTURE_BLADES, APERTURE_ROTATION = "encore:apertureBlades", "encore:apertureRotation"
+_MOST_BLADES = 64
 # UsdGeomBBoxCache recurses, and exhausts its stack below some thousands of levels and in cycles.
 _DEEPEST = 1000
+
+
+@dataclass(frozen=True)
+class ShutterOptions:
+    """opens, closes: in frames from the frame's time; None: the camera's."""
+
+    motion_blur: bool = True
+    opens: float | None = None
+    closes: float | None = None
 
 
 @dataclass(frozen=True)
 class CameraData:
     """path: AUTOMATIC where it frames the stage. aspect: width / height of the film window.
 
-    half_tangent, centre_tangent: film window at distance 1; its height follows from the image's.
-    clipping: distances along -Z, world units.
+    half_tangent, centre_tangent: film window at distance 1, or in the camera's units where orthographic; its
+    height follows from the image's. clipping: distances along -Z, world units. clipping_planes: (a, b, c, d).
+    motion: (k, 4, 4) to_world from shutter open to close. lens_radius, focus_distance: the camera's units.
     """
 
     path: str
@@ -30,6 +45,27 @@ class CameraData:
     centre_tangent: tuple[float, float]
     aspect: float
     clipping: tuple[float, float]
+    orthographic: bool = False
+    clipping_planes: tuple[tuple[float, ...], ...] = ()
+    motion: Matrices | None = None
+    lens_radius: float = 0.0
+    focus_distance: float = 1.0
+    aperture_blades: int = 0
+    aperture_rotation_radians: float = 0.0
+    exposure_scale: float = 1.0
+
+    def arguments(self) -> dict[str, Any]:
+        """Keyword arguments of _core.Scene.set_camera, but for the film window and the clipping range."""
+        return {
+            "projection": "orthographic" if self.orthographic else "perspective",
+            "motion": self.motion,
+            "clipping_planes": list(self.clipping_planes),
+            "lens_radius": self.lens_radius,
+            "focus_distance": self.focus_distance,
+            "aperture_blades": self.aperture_blades,
+            "aperture_rotation_radians": self.aperture_rotation_radians,
+            "exposure_scale": self.exposure_scale,
+        }
 
     @property
     def direction(self) -> tuple[float, float, float]:
@@ -86,21 +122,48 @@ def _default_camera(cameras: list[Usd.Prim], context: SyncContext) -> Usd.Prim |
     return None
 
 
-def read_camera(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> CameraData:
-    """A camera of the stage. Raises StageError for one that cannot be rendered."""
+def read_camera(
+    prim: Usd.Prim, to_world: Matrix, context: SyncContext, *, depth_of_field: bool = True
+) -> CameraData:
+    """A camera of the stage. depth_of_field: whether its lens blurs what is out of focus."""
     camera = UsdGeom.Camera(prim)
-    _check(camera, context)
     gf = camera.GetCamera(context.time)
-    if gf.projection != Gf.Camera.Perspective:
-        raise StageError(
-            f"projection {camera.GetProjectionAttr().Get(context.time)} is not supported yet",
-            f"{prim.GetPath()}.projection",
-            "Choose a perspective camera",
-        )
     # Clipping distances are in the camera's own space.
     scale = float(np.linalg.norm(to_world[2, :3]))
     near, far = gf.clippingRange.min * scale, gf.clippingRange.max * scale
-    return _from_gf(gf, str(prim.GetPath()), to_world, (near, far))
+    data = _from_gf(gf, str(prim.GetPath()), to_world, (near, far))
+    lens = _lens(gf, camera, context) if depth_of_field else {}
+    return replace(
+        data,
+        clipping_planes=_clipping_planes(gf, prim.GetPath(), context),
+        motion=world_keys(prim, context),
+        exposure_scale=_exposure(camera, context),
+        **lens,
+    )
+
+
+def read_shutter(prim: Usd.Prim, options: ShutterOptions, context: SyncContext) -> tuple[float, float]:
+    """The shutter interval of a camera, in frames from the frame's time; (0, 0) where motion is not blurred.
+
+    One that closes before it opens is reported.
+    """
+    camera = UsdGeom.Camera(prim)
+    if not options.motion_blur:
+        return 0.0, 0.0
+    opens, closes = camera.GetShutterOpenAttr(), camera.GetShutterCloseAttr()
+    interval = (
+        float(opens.Get(context.time)) if options.opens is None else options.opens,
+        float(closes.Get(context.time)) if options.closes is None else options.closes,
+    )
+    if not (math.isfinite(sum(interval)) and interval[0] <= interval[1]):
+        context.reports.error(
+            "bad shutter",
+            f"its shutter closes at {interval[1]:g}, before it opens at {interval[0]:g}: nothing "
+            "is blurred by motion",
+            prim.GetPath(),
+        )
+        return 0.0, 0.0
+    return interval
 
 
 def stage_bounds(
@@ -142,31 +205,89 @@ def frame_stage(bounds: Gf.Range3d, stage: Usd.Stage) -> CameraData:
 
 
 def _from_gf(gf: Gf.Camera, path: str, to_world: Matrix, clipping: tuple[float, float]) -> CameraData:
-    def tangent(aperture: float) -> float:
-        return aperture / gf.focalLength if gf.focalLength else math.inf
+    orthographic = gf.projection == Gf.Camera.Orthographic
+
+    def window(aperture: float) -> float:
+        """At distance 1, or in the camera's units. Apertures and focal length are in tenths of them."""
+        if orthographic:
+            return float(aperture * Gf.Camera.APERTURE_UNIT)
+        return float(aperture / gf.focalLength) if gf.focalLength else math.inf
 
     # GfIsClose(aspect, 0, 1e-4) in usdrecord.
     aspect = gf.aspectRatio if gf.verticalAperture and abs(gf.aspectRatio) > 1e-4 else 1.0
     return CameraData(
         path=path,
         to_world=to_world,
-        half_tangent=tangent(gf.horizontalAperture) / 2,
-        centre_tangent=(tangent(gf.horizontalApertureOffset), tangent(gf.verticalApertureOffset)),
+        half_tangent=window(gf.horizontalAperture) / 2,
+        centre_tangent=(window(gf.horizontalApertureOffset), window(gf.verticalApertureOffset)),
         aspect=aspect,
         clipping=clipping,
+        orthographic=orthographic,
     )
 
 
-def _check(camera: UsdGeom.Camera, context: SyncContext) -> None:
-    """Reports what the camera asks for and does not get."""
-    time, path, reports = context.time, camera.GetPath(), context.reports
-    if (camera.GetFStopAttr().Get(time) or 0) > 0:
-        reports.add("lens blur", "fStop is not supported yet: everything is in focus", path)
-    if camera.GetShutterCloseAttr().Get(time) > camera.GetShutterOpenAttr().Get(time):
-        reports.add(
-            "motion blur", "the shutter interval is not supported yet: nothing is blurred by motion", path
+def _lens(gf: Gf.Camera, camera: UsdGeom.Camera, context: SyncContext) -> dict[str, Any]:
+    """Lens and focus of a camera with an f-number: the lens is focalLength / fStop wide (UsdGeomCamera)."""
+    if not gf.fStop > 0:
+        return {}
+    radius = gf.focalLength * Gf.Camera.FOCAL_LENGTH_UNIT / gf.fStop / 2
+    if not (
+        math.isfinite(radius) and math.isfinite(gf.focusDistance) and gf.focusDistance > 0 and radius > 0
+    ):
+        context.reports.error(
+            "bad lens",
+            f"everything is in focus: fStop {gf.fStop:g}, focalLength {gf.focalLength:g} and focusDistance "
+            f"{gf.focusDistance:g} do not make a lens",
+            camera.GetPath(),
         )
-    if camera.GetClippingPlanesAttr().Get(time):
-        reports.add("clipping planes", "clippingPlanes are not supported yet", path)
-    if abs(camera.ComputeLinearExposureScale(time) - 1) > 1e-6:
-        reports.add("camera exposure", "the camera's exposure is not supported yet", path)
+        return {}
+    prim = camera.GetPrim()
+    blades = _number(prim, APERTURE_BLADES, context)
+    if not (blades == int(blades) and 0 <= blades <= _MOST_BLADES):
+        context.reports.error(
+            f"bad {APERTURE_BLADES}",
+            f"{APERTURE_BLADES} is {blades:g}, not a whole number from 0 to {_MOST_BLADES}: it is round",
+            camera.GetPath(),
+        )
+        blades = 0
+    return {
+        "lens_radius": radius,
+        "focus_distance": float(gf.focusDistance),
+        "aperture_blades": int(blades),
+        "aperture_rotation_radians": math.radians(_number(prim, APERTURE_ROTATION, context)),
+    }
+
+
+def _number(prim: Usd.Prim, name: str, context: SyncContext) -> float:
+    """An attribute of Encore's own; 0 where it is not authored, or not a finite number."""
+    attribute = prim.GetAttribute(name)
+    value = attribute.Get(context.time) if attribute else None
+    found = floats(value, 1) if value is not None else (0.0,)
+    if found is None:
+        context.reports.error(f"bad {name}", f"{name} is {value}, and is ignored", prim.GetPath())
+        return 0.0
+    return found[0]
+
+
+def _clipping_planes(gf: Gf.Camera, path: Sdf.Path, context: SyncContext) -> tuple[tuple[float, ...], ...]:
+    planes = []
+    for plane in gf.clippingPlanes:
+        numbers = floats(plane, 4)
+        if numbers is None or not any(numbers[:3]):
+            context.reports.error("bad clipping plane", f"{plane} is no plane, and is ignored", path)
+        else:
+            planes.append(numbers)
+    return tuple(planes)
+
+
+def _exposure(camera: UsdGeom.Camera, context: SyncContext) -> float:
+    """What radiance is multiplied with: 2^exposure, and what exposure:* attributes say if USD knows them."""
+    if hasattr(camera, "ComputeLinearExposureScale"):
+        scale = float(camera.ComputeLinearExposureScale(context.time))
+    else:
+        attribute = camera.GetExposureAttr()
+        scale = float(np.exp2(np.float64(attribute.Get(context.time) if attribute else 0.0)))
+    if math.isfinite(scale) and scale >= 0:
+        return scale
+    context.reports.error("bad exposure", f"its exposure scale is {scale:g}: 1 is used", camera.GetPath())
+    return 1.0

@@ -17,11 +17,15 @@ Matrix = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SyncContext:
-    """What all adapters share. time: at which everything is read."""
+    """What all adapters share. time: at which everything is read.
+
+    shutter: stage times of its opening and closing, in this order; None: nothing is blurred by motion.
+    """
 
     stage: Usd.Stage
     time: Usd.TimeCode
     reports: Reports
+    shutter: tuple[float, float] | None = None
 
 
 def to_matrix(matrix: Gf.Matrix4d) -> Matrix:

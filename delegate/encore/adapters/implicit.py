@@ -48,6 +48,11 @@ def shape_of(prim: Usd.Prim, context: SyncContext) -> Shape | None:
     return Shape(key, _frame(axis) * np.array([*scale, 1.0])[:, None])
 
 
+def is_solid(shape: Shape) -> bool:
+    """Whether it is closed: all but planes are."""
+    return shape.key[0] != "Plane"
+
+
 _SIZES: dict[str, tuple[str, ...]] = {
     "Sphere": ("radius",),
     "Cube": ("size",),

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pxr import Usd, UsdGeom, UsdShade
+from pxr import Gf, Usd, UsdGeom, UsdShade
 
 from encore.adapters.context import SyncContext, to_matrix
+from encore.adapters.matrix_motion import MatrixKeys, compose, inherit, point_instancer_keys
 from encore.adapters.shading_rate import RateArray, read_point_rates, says_rate
 
 Matrices = npt.NDArray[np.float64]  # (n, 4, 4), row vectors
@@ -22,13 +23,15 @@ Matrices = npt.NDArray[np.float64]  # (n, 4, 4), row vectors
 class PointPlacements:
     """Where a PointInstancer puts one of its prototypes, in the instancer's space.
 
-    ids: per instance, and so are rates, where the instancer says some.
+    ids: per instance, and so are rates, where the instancer says some. motion: (n, k, 4, 4) keys from shutter
+    open to close, where any of them moves.
     """
 
     root: Usd.Prim
     matrices: Matrices
     ids: npt.NDArray[np.int64]
     rates: RateArray | None
+    motion: MatrixKeys | None = None
 
 
 def read_point_instancer(instancer: UsdGeom.PointInstancer, context: SyncContext) -> list[PointPlacements]:
@@ -58,6 +61,7 @@ def read_point_instancer(instancer: UsdGeom.PointInstancer, context: SyncContext
     if len(ids) != len(proto_indices):
         ids = np.arange(len(proto_indices), dtype=np.int64)
     rates = read_point_rates(instancer.GetPrim(), len(proto_indices), context)
+    keys = point_instancer_keys(instancer, len(proto_indices), context)
     usable = _usable(instancer, proto_indices, matrices, len(targets), context)
     placements = []
     for index, target in enumerate(targets):
@@ -67,9 +71,17 @@ def read_point_instancer(instancer: UsdGeom.PointInstancer, context: SyncContext
             reports.error("missing prototype", f"prototype {target} does not exist", path)
         elif chosen.any():
             local = UsdGeom.XformCache(time).GetLocalTransformation(root)[0]
+            own = to_matrix(local)
+            moves = inherit(root, local, True, Gf.Matrix4d(1), None, context)
+            motion = compose(
+                own[None],
+                moves.keys() if moves else None,
+                matrices[chosen],
+                None if keys is None else keys[chosen],
+            )
             chosen_rates = None if rates is None else rates[chosen]
             placements.append(
-                PointPlacements(root, to_matrix(local) @ matrices[chosen], ids[chosen], chosen_rates)
+                PointPlacements(root, own @ matrices[chosen], ids[chosen], chosen_rates, motion)
             )
     return placements
 

@@ -1,15 +1,17 @@
-"""UsdLux lights → radiance and world-space shape."""
+"""UsdLux lights → radiance, world-space shape, shaping and shadows, after the schema's own formulas."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdLux
+from pxr import Usd, UsdGeom, UsdLux
 
 from encore.adapters.context import Matrix, SyncContext, floats
+from encore.adapters.texture import Textures
 
 Colour = tuple[float, float, float]
 
@@ -17,12 +19,22 @@ Colour = tuple[float, float, float]
 TYPES = {
     "DistantLight": "distant",
     "RectLight": "rect",
+    "DiskLight": "disk",
     "SphereLight": "sphere",
+    "CylinderLight": "cylinder",
     "DomeLight": "dome",
     "DomeLight_1": "dome",
 }
+# Rays per shade; there is no such thing in UsdLux.
+SAMPLES = "encore:samples"
+_MOST_SAMPLES = 65536  # as --lightSamples
 # Angles below this, in degrees, make no penumbra that floating point could tell.
 _SMALLEST_ANGLE_DEGREES = 1e-4
+# In world units; below it the square of the area, in core's single precision, would be 0.
+_SMALLEST_AREA = 1e-17
+_FORMATS = ("latlong", "mirroredBall", "angular", "cubeMapVerticalCross")
+# Relative differences of stretches that are not seen.
+_ROUND = 0.99
 
 
 @dataclass(frozen=True)
@@ -38,23 +50,32 @@ class LightData:
         return {"kind": self.kind, "path": self.path, "radiance": self.radiance, **self.shape}
 
 
-def read_light(prim: Usd.Prim, to_world: Matrix, path: str, context: SyncContext) -> LightData | None:
+@dataclass(frozen=True)
+class Shape:
+    """Arguments of add_light, and the size by which `normalize` divides: 0 where there is nothing to emit.
+
+    finite: it is at a finite distance, so that shaping means something. flat: it emits to one side.
+    """
+
+    arguments: dict[str, Any]
+    size: float
+    finite: bool = True
+    flat: bool = False
+
+
+def read_light(
+    prim: Usd.Prim, to_world: Matrix, path: str, textures: Textures, context: SyncContext
+) -> LightData | None:
     """A light of TYPES at a place; None, and a report, where it cannot emit.
 
     path: the prim's, or that of its instance.
     """
     kind = TYPES[prim.GetTypeName()]
-    shape, size = _SHAPES[kind](prim, to_world, context)
-    radiance = _radiance(UsdLux.LightAPI(prim), size, context)
-    if size == 0 or radiance is None:
-        what = "its size is 0 or not finite" if size == 0 else "its colour or intensity is not finite"
-        context.reports.error("bad light", f"is not rendered: {what}", prim.GetPath())
-        return None
-    _report_unsupported(prim, kind, context)
-    light = UsdLux.LightAPI(prim)
-    shape["diffuse"] = float(light.GetDiffuseAttr().Get(context.time))
-    shape["specular"] = float(light.GetSpecularAttr().Get(context.time))
-    return LightData(kind, path, radiance, shape)
+    finite = np.isfinite(to_world).all()
+    shape = _SHAPES[kind](prim, to_world, context) if finite else Shape({}, 0.0)
+    mirrored = bool(shape.size > 0 and np.linalg.det(to_world[:3, :3]) < 0)
+    texture = _texture(prim, mirrored, textures, context) if shape.size > 0 else {}
+    return make_light(prim, kind, to_world, path, shape, texture, context)
 
 
 def camera_light(direction: Colour) -> LightData:
@@ -64,118 +85,325 @@ def camera_light(direction: Colour) -> LightData:
     return LightData("distant", "cameraLight", (math.pi,) * 3, {"direction": direction})
 
 
+def make_light(
+    prim: Usd.Prim,
+    kind: str,
+    to_world: Matrix,
+    path: str,
+    shape: Shape,
+    texture: dict[str, Any],
+    context: SyncContext,
+) -> LightData | None:
+    """A light of a shape; None, and a report, where it cannot emit. texture: arguments of its image."""
+    light = UsdLux.LightAPI(prim)
+    radiance = _radiance(light, shape.size, context)
+    multipliers = floats(
+        (light.GetDiffuseAttr().Get(context.time), light.GetSpecularAttr().Get(context.time)), 2
+    )
+    if shape.size == 0 or radiance is None or multipliers is None:
+        what = (
+            "its size is 0 or not finite, or its transform is singular"
+            if shape.size == 0
+            else "its colour or intensity is not finite"
+        )
+        context.reports.error("bad light", f"is not rendered: {what}", prim.GetPath())
+        return None
+    _report_unsupported(prim, kind, context)
+    arguments = shape.arguments | texture | {"diffuse": multipliers[0], "specular": multipliers[1]}
+    arguments |= _shaping(prim, to_world, shape, context) | _shadow(prim, context) | _samples(prim, context)
+    return LightData(kind, path, radiance, arguments)
+
+
 def _radiance(light: UsdLux.LightAPI, size: float, context: SyncContext) -> Colour | None:
     """UsdLuxLightAPI's emission: intensity · 2^exposure · colour · temperature, over size where normalized.
 
     Irradiance for a distant light of angle 0. size: area, or projected solid angle of a distant light's disk.
     """
     time = context.time
-    scale = float(light.GetIntensityAttr().Get(time)) * 2.0 ** float(light.GetExposureAttr().Get(time))
+    intensity, exposure = light.GetIntensityAttr().Get(time), light.GetExposureAttr().Get(time)
     colour = floats(light.GetColorAttr().Get(time), 3)
-    if colour is None or not math.isfinite(scale) or not size:
+    if colour is None or floats((intensity, exposure), 2) is None or not size:
         return None
     if light.GetEnableColorTemperatureAttr().Get(time):
-        tint = UsdLux.BlackbodyTemperatureAsRgb(light.GetColorTemperatureAttr().Get(time))
+        kelvin = float(light.GetColorTemperatureAttr().Get(time))
+        if not math.isfinite(kelvin):
+            return None
+        tint = UsdLux.BlackbodyTemperatureAsRgb(kelvin)
         colour = tuple(c * float(t) for c, t in zip(colour, tint, strict=True))
-    if light.GetNormalizeAttr().Get(time):
-        scale /= size
+    try:
+        scale = intensity * 2.0**exposure / (size if light.GetNormalizeAttr().Get(time) else 1.0)
+    except OverflowError:
+        return None
     red, green, blue = (c * scale for c in colour)
-    return red, green, blue
+    largest = max(abs(red), abs(green), abs(blue))
+    return (red, green, blue) if largest <= float(np.finfo(np.float32).max) else None
 
 
-def _distant(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> tuple[dict[str, Any], float]:
+# Shapes
+
+
+def _distant(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> Shape:
     direction = -to_world[2, :3]
     length = float(np.linalg.norm(direction))
     degrees = float(UsdLux.DistantLight(prim).GetAngleAttr().Get(context.time))
     if not (length > 0 and math.isfinite(length) and math.isfinite(degrees)):
-        return {}, 0.0
+        return Shape({}, 0.0)
     angle = math.radians(min(max(degrees, 0.0), 360.0))
-    shape = {"direction": tuple(float(x) for x in direction / length), "angle_radians": angle}
+    arguments = {"direction": _triple(direction / length), "angle_radians": angle}
     if degrees < _SMALLEST_ANGLE_DEGREES:
-        shape["angle_radians"] = 0.0
-        return shape, 1.0
-    # Integral of the cosine over the disk, on a surface that faces its centre (UsdLuxDistantLight).
+        return Shape(arguments | {"angle_radians": 0.0}, 1.0, finite=False)
+    # Integral of the cosine over the disk, on a surface that faces its centre (UsdLuxLightAPI, normalize).
     sin2 = math.sin(angle / 2) ** 2
-    return shape, math.pi * (sin2 if angle <= math.pi else 2 - sin2)
+    return Shape(arguments, math.pi * (sin2 if angle <= math.pi else 2 - sin2), finite=False)
 
 
-def _rect(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> tuple[dict[str, Any], float]:
+def _rect(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> Shape:
     light = UsdLux.RectLight(prim)
-    u = to_world[0, :3] * (float(light.GetWidthAttr().Get(context.time)) / 2)
-    v = to_world[1, :3] * (float(light.GetHeightAttr().Get(context.time)) / 2)
+    width = max(float(light.GetWidthAttr().Get(context.time)), 0.0)
+    height = max(float(light.GetHeightAttr().Get(context.time)), 0.0)
+    return _flat(to_world[0, :3] * (width / 2), to_world[1, :3] * (height / 2), to_world, 4.0)
+
+
+def _disk(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> Shape:
+    radius = max(float(UsdLux.DiskLight(prim).GetRadiusAttr().Get(context.time)), 0.0)
+    return _flat(to_world[0, :3] * radius, to_world[1, :3] * radius, to_world, math.pi)
+
+
+def _flat(u: Matrix, v: Matrix, to_world: Matrix, factor: float) -> Shape:
+    """What spans u and v, and emits towards its own -Z. factor: of its area."""
     if np.linalg.det(to_world[:3, :3]) < 0:
-        u = -u  # keeps the emitting side, -Z, where the transform takes it
-    area = 4 * float(np.linalg.norm(np.cross(u, v)))
-    shape = {"centre": tuple(to_world[3, :3]), "half_u": tuple(map(float, u)), "half_v": tuple(map(float, v))}
-    return shape, _finite(area)
+        u = -u  # keeps the emitting side where the transform takes it
+    area = factor * float(np.linalg.norm(np.cross(u, v)))
+    arguments = {"centre": _triple(to_world[3, :3]), "half_u": _triple(u), "half_v": _triple(v)}
+    return Shape(arguments, _finite(area), flat=True)
 
 
-def _sphere(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> tuple[dict[str, Any], float]:
+def _sphere(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> Shape:
     linear = to_world[:3, :3]
     scale = abs(float(np.linalg.det(linear))) ** (1 / 3)
-    stretches = np.linalg.svd(linear, compute_uv=False) if np.isfinite(linear).all() else np.zeros(3)
-    if stretches.min() < 0.99 * stretches.max():
+    stretches = np.linalg.svd(linear, compute_uv=False)
+    if stretches.min() < _ROUND * stretches.max():
         context.reports.add(
             "stretched SphereLight",
             "is rendered as a sphere of equal volume, not as an ellipsoid",
             prim.GetPath(),
         )
-    radius = scale * float(UsdLux.SphereLight(prim).GetRadiusAttr().Get(context.time))
-    return {"centre": tuple(to_world[3, :3]), "radius": radius}, _finite(4 * math.pi * radius * abs(radius))
+    light = UsdLux.SphereLight(prim)
+    radius = scale * float(light.GetRadiusAttr().Get(context.time))
+    _report_hint(prim, "treatAsPoint", "a sphere", context)
+    area = 4 * math.pi * radius * abs(radius)
+    return Shape({"centre": _triple(to_world[3, :3]), "radius": radius}, _finite(area))
 
 
-def _dome(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> tuple[dict[str, Any], float]:
-    return {}, 1.0
+def _cylinder(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> Shape:
+    light = UsdLux.CylinderLight(prim)
+    axis, y, z = to_world[:3, :3]
+    half = axis * (float(light.GetLengthAttr().Get(context.time)) / 2)
+    # The cross section, seen along the axis; a round one of equal area.
+    stretches: Matrix = np.zeros(2)
+    length = float(np.linalg.norm(axis))
+    if length > 0:
+        across = np.stack([y, z]) @ (np.eye(3) - np.outer(axis, axis) / length**2)
+        stretches = np.asarray(np.linalg.svd(across, compute_uv=False), np.float64)
+    leans = abs(float(axis @ y)) + abs(float(axis @ z)) > 0.01 * length * float(np.linalg.norm([y, z]))
+    if stretches.min() < _ROUND * stretches.max() or leans:
+        context.reports.add(
+            "stretched CylinderLight",
+            "is rendered as a round cylinder of equal cross section, not as an elliptic or leaning one",
+            prim.GetPath(),
+        )
+    radius = math.sqrt(float(stretches.prod())) * float(light.GetRadiusAttr().Get(context.time))
+    _report_hint(prim, "treatAsLine", "a cylinder", context)
+    area = 4 * math.pi * radius * float(np.linalg.norm(half))
+    positive = float(light.GetLengthAttr().Get(context.time)) > 0
+    arguments = {"centre": _triple(to_world[3, :3]), "half_u": _triple(half), "radius": radius}
+    return Shape(arguments, _finite(area) if positive else 0.0)
 
 
-_SHAPES = {"distant": _distant, "rect": _rect, "sphere": _sphere, "dome": _dome}
+def _dome(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> Shape:
+    """Its axes, in which the top of an image is at +Y and its middle at +Z.
+
+    With the pole at Z its top is at the prim's +Z and its middle at -Y (UsdLuxDomeLight_1).
+    """
+    x, y, z = to_world[:3, :3]
+    axes = np.stack([x, y, z])
+    if prim.IsA(UsdLux.DomeLight_1):
+        pole = UsdLux.DomeLight_1(prim).GetPoleAxisAttr().Get()
+        if pole == "scene":
+            pole = UsdGeom.GetStageUpAxis(context.stage)
+        if pole == UsdGeom.Tokens.z:
+            axes = np.stack([x, z, -y])
+    rotation = _orthonormal(axes)
+    if rotation is None:
+        return Shape({}, 0.0)
+    sizes = np.linalg.svd(axes, compute_uv=False)
+    if sizes.min() < _ROUND * sizes.max() or np.linalg.det(axes) < 0:
+        context.reports.add(
+            "stretched DomeLight",
+            "is only rotated: its scale, shear and mirroring are left out",
+            prim.GetPath(),
+        )
+    names = ("axis_x", "axis_y", "axis_z")
+    return Shape({n: _triple(a) for n, a in zip(names, rotation, strict=True)}, 1.0, finite=False)
 
 
-def _finite(size: float) -> float:
-    return size if math.isfinite(size) and size > 0 else 0.0
-
-
-# Attributes that change nothing yet, with the values at which they would change nothing anyway.
-_NEUTRAL: dict[str, tuple[Any, ...]] = {
-    "inputs:texture:file": (None,),
-    "inputs:shaping:focus": (0.0,),
-    "inputs:shaping:cone:angle": (180.0,),
-    "inputs:shaping:cone:softness": (0.0,),
-    "inputs:shaping:ies:file": (None,),
-    "inputs:shadow:enable": (True,),
-    "inputs:shadow:color": ((0.0, 0.0, 0.0),),
-    "inputs:shadow:distance": (-1.0,),
-    "inputs:shadow:falloff": (-1.0,),
+_SHAPES: dict[str, Callable[[Usd.Prim, Matrix, SyncContext], Shape]] = {
+    "distant": _distant,
+    "rect": _rect,
+    "disk": _disk,
+    "sphere": _sphere,
+    "cylinder": _cylinder,
+    "dome": _dome,
 }
 
 
-def _report_unsupported(prim: Usd.Prim, kind: str, context: SyncContext) -> None:
-    """Reports what the light's textures, shaping, shadow and linking ask for and do not get."""
-    path, reports = prim.GetPath(), context.reports
-    for name, neutral in _NEUTRAL.items():
-        attribute = prim.GetAttribute(name)
-        value = attribute.Get(context.time) if attribute and attribute.HasAuthoredValue() else None
-        if value is None or value in neutral or (hasattr(value, "path") and not value.path):
-            continue
-        if name == "inputs:shaping:cone:angle" and kind == "rect" and value >= 90:
-            continue  # wider than what the light emits into
-        short = name.removeprefix("inputs:")
-        effect = ": only its colour is used" if name.startswith("inputs:texture") else ""
-        reports.add(f"light {short}", f"{short} of a {kind} light is not supported yet{effect}", path)
-    for collection in ("lightLink", "shadowLink"):
-        if _is_restricted(Usd.CollectionAPI(prim, collection)):
-            reports.add(
-                f"light {collection}", f"{collection} is not supported yet: all prims are linked", path
+def _orthonormal(axes: Matrix) -> Matrix | None:
+    """The nearest rotation to three axes; None where they are singular."""
+    u, sizes, v = np.linalg.svd(axes)
+    if not sizes[-1] > 1e-12 * sizes[0]:
+        return None
+    if np.linalg.det(u @ v) < 0:
+        u = u * (1, 1, -1)
+    rotation: Matrix = u @ v
+    return rotation
+
+
+def _triple(vector: Matrix) -> Colour:
+    x, y, z = (float(value) for value in vector)
+    return x, y, z
+
+
+def _finite(size: float) -> float:
+    return size if math.isfinite(size) and size > _SMALLEST_AREA else 0.0
+
+
+# Controls
+
+
+def _texture(prim: Usd.Prim, mirrored: bool, textures: Textures, context: SyncContext) -> dict[str, Any]:
+    """The image of a rect or dome, where there is one. One that cannot be read leaves the plain colour."""
+    attribute = prim.GetAttribute("inputs:texture:file")
+    asset = attribute.Get(context.time) if attribute else None
+    if asset is None or not asset.path:
+        return {}
+    source = attribute.GetColorSpace() if attribute.HasColorSpace() else "auto"
+    index = textures.light_texture(asset, source, prim.GetPath())
+    if index < 0:
+        return {}
+    if mirrored and prim.GetTypeName() == "RectLight":
+        context.reports.add(
+            "mirrored light texture", "its transform mirrors: its texture is not mirrored", prim.GetPath()
+        )
+    form = prim.GetAttribute("inputs:texture:format")
+    name = str(form.Get(context.time)) if form else "latlong"
+    if name not in (*_FORMATS, "automatic"):
+        context.reports.error("bad texture:format", f"{name} is no format: latlong is used", prim.GetPath())
+    return {"texture": index, "format": name if name in _FORMATS else "latlong"}
+
+
+def _reader(prim: Usd.Prim, schema: Any, context: SyncContext) -> Callable[[str, Any], Any]:
+    """Reads inputs of an API schema: authored ones, and where it is applied its fallbacks; else `neutral`."""
+    applied = prim.HasAPI(schema)
+
+    def read(name: str, neutral: Any) -> Any:
+        attribute = prim.GetAttribute(f"inputs:{name}")
+        if not attribute or not (applied or attribute.HasAuthoredValue()):
+            return neutral
+        value = attribute.Get(context.time)
+        if value is None:
+            return neutral
+        if not isinstance(value, bool) and floats(value, np.size(neutral)) is None:
+            context.reports.error(f"bad {name}", f"inputs:{name} is {value}, and is ignored", prim.GetPath())
+            return neutral
+        return value
+
+    return read
+
+
+def _shaping(prim: Usd.Prim, to_world: Matrix, shape: Shape, context: SyncContext) -> dict[str, Any]:
+    """Cone and focus, where they change anything."""
+    read = _reader(prim, UsdLux.ShapingAPI, context)
+    angle = min(max(float(read("shaping:cone:angle", 180.0)), 0.0), 180.0)
+    softness = min(max(float(read("shaping:cone:softness", 0.0)), 0.0), 1.0)
+    focus = max(float(read("shaping:focus", 0.0)), 0.0)
+    tint = floats(read("shaping:focusTint", (0.0, 0.0, 0.0)), 3)
+    wide = 90.0 if shape.flat else 180.0
+    if angle >= wide and softness == 0 and (focus == 0 or tint == (1.0, 1.0, 1.0)):
+        return {}
+    axis = -to_world[2, :3]
+    if not shape.finite:
+        if (angle < 180 and angle != 90) or focus > 0:
+            context.reports.add(
+                "shaping of a distant light",
+                "cone and focus have no effect on lights at infinite distance",
+                prim.GetPath(),
             )
-    if prim.GetRelationship("light:filters").GetTargets():
-        reports.add("light filters", "light filters are not supported yet", path)
+        return {}
+    length = float(np.linalg.norm(axis))
+    if not length > 0:
+        return {}
+    return {
+        "shaped": True,
+        "shaping_axis": _triple(axis / length),
+        "focus": focus,
+        "focus_tint": tint,
+        "cone_angle_radians": math.radians(angle),
+        "cone_softness": softness,
+    }
 
 
-def _is_restricted(collection: Usd.CollectionAPI) -> bool:
-    """True where a linking collection leaves anything out."""
-    excludes, includes = collection.GetExcludesRel(), collection.GetIncludesRel()
-    include_root = collection.GetIncludeRootAttr()
-    return bool(
-        (excludes and excludes.GetTargets())
-        or (includes and includes.GetTargets() and not (include_root and include_root.Get()))
-    )
+def _shadow(prim: Usd.Prim, context: SyncContext) -> dict[str, Any]:
+    """What UsdLuxShadowAPI says, where it differs from plain shadows."""
+    read = _reader(prim, UsdLux.ShadowAPI, context)
+    enable = bool(read("shadow:enable", True))
+    colour = floats(read("shadow:color", (0.0, 0.0, 0.0)), 3)
+    distance = float(read("shadow:distance", -1.0))
+    falloff = float(read("shadow:falloff", -1.0))
+    gamma = float(read("shadow:falloffGamma", 1.0))
+    found: dict[str, Any] = {}
+    if not enable:
+        found["shadow_enable"] = False
+    if colour != (0.0, 0.0, 0.0):
+        found["shadow_color"] = colour
+    if distance >= 0:
+        found["shadow_distance"] = distance
+        if falloff > 0:
+            # The zone is within the distance (UsdLuxShadowAPI).
+            found |= {"shadow_falloff": min(falloff, distance), "shadow_falloff_gamma": max(gamma, 0.0)}
+    return found
+
+
+def _samples(prim: Usd.Prim, context: SyncContext) -> dict[str, Any]:
+    attribute = prim.GetAttribute(SAMPLES)
+    value = attribute.Get(context.time) if attribute else None
+    if value is None or value == 0:
+        return {}
+    if not isinstance(value, int) or not 0 < value <= _MOST_SAMPLES:
+        context.reports.error(
+            f"bad {SAMPLES}",
+            f"{SAMPLES} is {value}, not a whole number from 0 to {_MOST_SAMPLES}: the settings decide",
+            prim.GetPath(),
+        )
+        return {}
+    return {"samples": value}
+
+
+def _report_hint(prim: Usd.Prim, name: str, what: str, context: SyncContext) -> None:
+    attribute = prim.GetAttribute(name)
+    if attribute and attribute.Get(context.time):
+        context.reports.note(name, f"is rendered as {what} all the same, at its full size", prim.GetPath())
+
+
+def _report_unsupported(prim: Usd.Prim, kind: str, context: SyncContext) -> None:
+    """Reports what a light asks for and does not get."""
+    path, reports = prim.GetPath(), context.reports
+    profile = prim.GetAttribute("inputs:shaping:ies:file")
+    value = profile.Get(context.time) if profile else None
+    if value is not None and value.path:
+        reports.add("light shaping:ies:file", "IES profiles are not supported: its shape is left out", path)
+    filters = prim.GetRelationship("light:filters")
+    if filters and filters.GetTargets():
+        reports.add("light filters", "light filters are not supported: it is not filtered", path)
+    portals = prim.GetRelationship("portals")
+    if portals and portals.GetTargets():
+        reports.note("portals", "portals are not needed, and not used", path)

@@ -1,17 +1,25 @@
-"""UsdShade materials → UsdPreviewSurface with constant inputs and colour textures."""
+"""UsdShade materials → UsdPreviewSurface or GLSL surfaces, with their networks."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from pxr import Sdf, Usd, UsdShade
+from pxr import Usd, UsdShade
 
+from encore.adapters import glsl
 from encore.adapters.context import SyncContext, floats
+from encore.adapters.network import Input, Network
 from encore.adapters.texture import Textures
 
-# Input of UsdPreviewSurface → key of _core.Scene.add_material, and default (UsdPreviewSurface 2.6).
+# On the material prim: where transparent solids overlap, the one of higher priority is there.
+DIELECTRIC_PRIORITY = "inputs:encore:dielectricPriority"
+
+# Of terminals: outputs of this render context win over the universal ones.
+_RENDER_CONTEXT = "encore"
+# Input of UsdPreviewSurface → key of _core.Scene.add_material, and default (UsdPreviewSurface 2.6). occlusion
+# is left out: the specification leaves it to renderers that do not compute occlusion themselves.
 _COLOURS = {
     "diffuseColor": ("diffuse_color", (0.18, 0.18, 0.18)),
     "emissiveColor": ("emissive_color", (0.0, 0.0, 0.0)),
@@ -25,36 +33,65 @@ _NUMBERS = {
     "opacity": ("opacity", 1.0),
     "ior": ("ior", 1.5),
 }
-_TEXTURED = ("diffuseColor", "emissiveColor")
-# Have no effect yet, with the value at which they would have none anyway.
-_WITHOUT_EFFECT: dict[str, tuple[float, ...]] = {
-    "normal": (0.0, 0.0, 1.0),
-    "displacement": (0.0,),
-    "occlusion": (1.0,),
-}
+_UP = (0.0, 0.0, 1.0)
+# What GLSL is given without asking, and what normals that are no texture are given in the tangents of.
+_GLSL_TEXCOORD = "st"
+_OPACITY_MODES = ("transparent", "presence")
 
 
 @dataclass(frozen=True)
 class MaterialData:
-    """One material as _core.Scene.add_material takes it. cut_out: nothing that it is bound to is visible."""
+    """One material as _core.Scene.add_material takes it. cut_out: nothing that it is bound to is visible.
+
+    primvars: floats that it reads of each one by name. tangents: normals are given in those of st. optional:
+    texture coordinates and primvars that a mesh may lack without a report.
+    """
 
     path: str
     inputs: dict[str, Any] = field(default_factory=dict)
     nodes: list[dict[str, Any]] = field(default_factory=list)
     use_specular_workflow: bool = False
     opacity_threshold: float = 0.0
+    opacity_mode: str = "transparent"
+    dielectric_priority: int = 0
+    surface_shader: dict[str, Any] | None = None
+    displacement_shader: dict[str, Any] | None = None
+    primvars: Mapping[str, int] = field(default_factory=dict)
+    tangents: bool = False
+    optional: frozenset[str] = frozenset()
     cut_out: bool = False
 
     @property
     def texcoords(self) -> frozenset[str]:
         """Names of the texture coordinates that it reads."""
         textures = (n for n in self.nodes if n["kind"] == "texture" and n["texture"] >= 0)
-        return frozenset(n["texcoord"] for n in textures if n["texcoord"])
+        names = frozenset(n["texcoord"] for n in textures if n["texcoord"])
+        return names | {_GLSL_TEXCOORD} if self.tangents or self._has_glsl else names
+
+    @property
+    def _has_glsl(self) -> bool:
+        return bool(self.surface_shader or self.displacement_shader)
 
     @property
     def reads_color(self) -> bool:
         """True where it reads displayColor per element."""
-        return any(n["kind"] == "displayColor" for n in self.nodes)
+        return self._has_glsl or any(n["kind"] == "displayColor" for n in self.nodes)
+
+    @property
+    def transmits(self) -> bool:
+        """True where light may pass the surface and be bent: it matters whether meshes are solids."""
+        if self.surface_shader:
+            return True
+        if self.opacity_threshold > 0 or self.opacity_mode != "transparent":
+            return False
+        opacity = self.inputs.get("opacity", 1.0)
+        return isinstance(opacity, dict) or opacity < 1
+
+    @property
+    def displaces(self) -> bool:
+        """True where it moves the points of meshes."""
+        displacement = self.inputs.get("displacement", 0.0)
+        return bool(self.displacement_shader or isinstance(displacement, dict) or displacement)
 
     def arguments(self) -> dict[str, Any]:
         return {
@@ -63,6 +100,10 @@ class MaterialData:
             "nodes": self.nodes,
             "use_specular_workflow": self.use_specular_workflow,
             "opacity_threshold": self.opacity_threshold,
+            "opacity_mode": self.opacity_mode,
+            "dielectric_priority": self.dielectric_priority,
+            "surface_shader": self.surface_shader,
+            "displacement_shader": self.displacement_shader,
         }
 
 
@@ -92,7 +133,7 @@ def read_material(
     material: UsdShade.Material, textures: Textures, context: SyncContext
 ) -> MaterialData | None:
     """The material; None, and a report, where it has no surface that is supported."""
-    shader = material.ComputeSurfaceSource()[0]
+    shader = _terminal(material, "surface")
     path = material.GetPath()
     if not shader:
         contexts = sorted({o.GetBaseName() for o in material.GetOutputs()}) or ["none"]
@@ -102,6 +143,9 @@ def read_material(
             path,
         )
         return None
+    network = Network(str(path), textures, context)
+    if glsl.is_glsl(shader):
+        return _Reader(material, shader, network, context).glsl_surface()
     identifier = shader.GetShaderId()
     if identifier != "UsdPreviewSurface":
         context.reports.add(
@@ -110,230 +154,173 @@ def read_material(
             path,
         )
         return None
-    return _PreviewSurface(shader, str(path), textures, context).read()
+    return _Reader(material, shader, network, context).preview_surface()
 
 
-@dataclass(frozen=True)
-class _Source:
-    """What a shader input gets: a constant, or an output of a shader."""
-
-    value: Any = None
-    shader: UsdShade.Shader | None = None
-    output: str = ""
+def _terminal(material: UsdShade.Material, name: str) -> UsdShade.Shader:
+    """The shader of a material's terminal, "surface" or "displacement"; an invalid one where it has none."""
+    compute = material.ComputeSurfaceSource if name == "surface" else material.ComputeDisplacementSource
+    own = compute(_RENDER_CONTEXT)[0] if material.GetOutput(f"{_RENDER_CONTEXT}:{name}") else None
+    return own or compute()[0]
 
 
-def _source(shader: UsdShade.Shader, name: str, context: SyncContext) -> _Source:
-    """The value of an input, or what it is connected to, through interfaces of materials and node graphs."""
-    shader_input = shader.GetInput(name)
-    if not shader_input:
-        return _Source()
-    attributes = UsdShade.Utils.GetValueProducingAttributes(shader_input)
-    for attribute in attributes:
-        base, kind = UsdShade.Utils.GetBaseNameAndType(attribute.GetName())
-        if kind == UsdShade.AttributeType.Output:
-            return _Source(shader=UsdShade.Shader(attribute.GetPrim()), output=base)
-        return _Source(value=attribute.Get(context.time))
-    return _Source()
+class _Reader:
+    """Reads one material; what is not supported is reported under its path."""
 
-
-def _fallback(shader: UsdShade.Shader, name: str, context: SyncContext) -> Any:
-    """The value authored on an input beside its connection."""
-    return shader.GetInput(name).GetAttr().Get(context.time)
-
-
-class _PreviewSurface:
-    """Reads one UsdPreviewSurface; what it does not support is reported under the material's path."""
-
-    def __init__(self, shader: UsdShade.Shader, path: str, textures: Textures, context: SyncContext) -> None:
+    def __init__(
+        self,
+        material: UsdShade.Material,
+        shader: UsdShade.Shader,
+        network: Network,
+        context: SyncContext,
+    ) -> None:
+        self._material = material
         self._shader = shader
-        self._path = path
-        self._textures = textures
+        self._network = network
         self._context = context
-        self._nodes: list[dict[str, Any]] = []
-        self._node_indices: dict[Sdf.Path, int] = {}
+        self._tangents = False
 
-    def read(self) -> MaterialData:
+    def preview_surface(self) -> MaterialData:
         inputs: dict[str, Any] = {}
         for name, (key, default) in _COLOURS.items():
-            inputs[key] = self._color(name, default)
+            inputs[key] = self._network.vector(self._shader, name, default)
         for name, (key, number) in _NUMBERS.items():
-            inputs[key] = self._number(name, number)
-        if inputs["ior"] <= 0:
-            self._report("bad ior", f"ior {inputs['ior']:g} is not above 0: 1.5 is used")
+            inputs[key] = self._in_range(name, self._network.number(self._shader, name, number))
+        if not isinstance(inputs["ior"], dict) and inputs["ior"] <= 0:
+            self._network.report("bad ior", f"ior {inputs['ior']:g} is not above 0: 1.5 is used")
             inputs["ior"] = 1.5
-        self._report_without_effect()
-        threshold = self._number("opacityThreshold", 0.0)
-        if inputs["opacity"] < 1 and self._constant("opacityMode", "transparent") == "presence":
-            self._report("opacityMode", "opacityMode presence is not supported yet: transparent is used")
-        cut_out = threshold > 0 and inputs["opacity"] < threshold
-        if threshold > 0 and not cut_out:
+        inputs["normal"] = self._normal()
+        threshold = self._threshold()
+        cut_out = False
+        if threshold > 0 and not isinstance(inputs["opacity"], dict):
+            cut_out = inputs["opacity"] < threshold
             inputs["opacity"] = 1.0  # a mask: what is not cut out is opaque
-        specular = bool(self._constant("useSpecularWorkflow", 0))
-        return MaterialData(self._path, inputs, self._nodes, specular, max(threshold, 0.0), cut_out)
+        return self._finish(inputs, threshold, cut_out)
 
-    def _constant(self, name: str, default: Any) -> Any:
-        source = _source(self._shader, name, self._context)
-        if source.shader:
-            self._report(
-                f"connected {name}",
-                f"{name} is connected to {source.shader.GetPath()}, which is not supported yet",
-            )
-            value = _fallback(self._shader, name, self._context)
-        else:
-            value = source.value
-        return default if value is None else value
-
-    def _number(self, name: str, default: float) -> float:
-        value = floats(self._constant(name, default), 1)
-        if value is None:
-            self._report(f"bad {name}", f"{name} is not a finite number: {default:g} is used")
-            return default
-        return value[0]
-
-    def _color(self, name: str, default: tuple[float, float, float]) -> Any:
-        if name in _TEXTURED:
-            source = _source(self._shader, name, self._context)
-            node = self._node(source) if source.shader else None
-            if node is not None:
-                return {"value": default, "node": node, "channel": 0}
-        value = floats(self._constant(name, default), 3)
-        if value is None:
-            self._report(f"bad {name}", f"{name} is not a finite colour: the default is used")
-            return default
-        return value
-
-    def _report_without_effect(self) -> None:
-        for name, neutral in _WITHOUT_EFFECT.items():
-            source = _source(self._shader, name, self._context)
-            authored = source.value is not None and floats(source.value, len(neutral)) != neutral
-            if source.shader or authored:
-                self._report(f"input {name}", f"input {name} is not supported yet, and has no effect")
-
-    def _report(self, kind: str, message: str) -> None:
-        self._context.reports.add(kind, message, self._path)
-
-    # Nodes
-
-    def _node(self, source: _Source) -> int | None:
-        """Index of the node for a connected colour; None where there is none for it."""
-        assert source.shader is not None
-        identifier = source.shader.GetShaderId()
-        if identifier == "UsdUVTexture" and source.output == "rgb":
-            make = self._texture_node
-        elif identifier == "UsdPrimvarReader_float3" and self._varname(source.shader) == "displayColor":
-            make = self._display_color_node
-        else:
+    def glsl_surface(self) -> MaterialData | None:
+        shader = glsl.read_glsl(self._shader, self._network, self._context, glsl.SURFACE_OPTIONS)
+        if shader is None:
             return None
-        path = source.shader.GetPath()
-        if path not in self._node_indices:
-            node = make(source.shader)
-            if node is None:
-                return None
-            self._node_indices[path] = len(self._nodes)
-            self._nodes.append(node)
-        return self._node_indices[path]
+        return self._finish({}, self._threshold(), surface_shader=shader)
 
-    def _display_color_node(self, shader: UsdShade.Shader) -> dict[str, Any]:
-        return {"kind": "displayColor", "path": str(shader.GetPath())}
-
-    def _texture_node(self, shader: UsdShade.Shader) -> dict[str, Any] | None:
-        texcoord, transform = self._coordinates(shader)
-        used = {n["texcoord"] for n in self._nodes if n["kind"] == "texture"}
-        if used and texcoord not in used:
-            self._report(
-                "several texcoords",
-                f"reads {texcoord} beside {used.pop()}: one set per material is supported yet",
-            )
-            return None
-        asset = self._value(shader, "file", None)
-        space = self._value(shader, "sourceColorSpace", "auto")
-        modes = [str(self._value(shader, name, "useMetadata")) for name in ("wrapS", "wrapT")]
-        texture = self._textures.index(asset, str(space), shader.GetPath())
-        if "useMetadata" in modes:
-            found = self._textures.wrap_modes(asset) if texture >= 0 else ("black", "black")
-            modes = [f if m == "useMetadata" else m for m, f in zip(modes, found, strict=True)]
-        return {
-            "kind": "texture",
-            "path": str(shader.GetPath()),
-            "texture": texture,
-            "texcoord": texcoord,
-            "st_transform": transform,
-            "wrap_s": self._wrap(modes[0]),
-            "wrap_t": self._wrap(modes[1]),
-            "scale": self._four(shader, "scale", (1.0, 1.0, 1.0, 1.0)),
-            "bias": self._four(shader, "bias", (0.0, 0.0, 0.0, 0.0)),
-            "fallback": self._four(shader, "fallback", (0.0, 0.0, 0.0, 1.0)),
-        }
-
-    def _wrap(self, mode: str) -> str:
-        if mode in ("black", "clamp", "repeat", "mirror"):
-            return mode
-        self._report("wrap mode", f"wrap mode {mode} is unknown: black is used")
-        return "black"
-
-    def _value(self, shader: UsdShade.Shader, name: str, default: Any) -> Any:
-        """The constant of a node's input; connections to other nodes are reported."""
-        source = _source(shader, name, self._context)
-        if source.shader:
-            self._report(
-                f"connected texture {name}", f"{shader.GetPath()}.inputs:{name} cannot be connected yet"
-            )
-            return default
-        return default if source.value is None else source.value
-
-    def _four(self, shader: UsdShade.Shader, name: str, default: tuple[float, ...]) -> tuple[float, ...]:
-        value = floats(self._value(shader, name, default), 4)
-        if value is None:
-            self._report(
-                f"bad texture {name}", f"{shader.GetPath()}.inputs:{name} is not four finite numbers"
-            )
-            return default
-        return value
-
-    def _varname(self, shader: UsdShade.Shader) -> str:
-        return str(self._value(shader, "varname", ""))
-
-    def _coordinates(self, shader: UsdShade.Shader) -> tuple[str, list[float]]:
-        """The primvar that a texture reads ("": none), and st' = rows · (s, t, 1) on the way to it."""
-        matrix = np.eye(3)
-        name = "st"
-        seen: set[Sdf.Path] = set()
-        while shader.GetPath() not in seen:
-            seen.add(shader.GetPath())
-            source = _source(shader, name, self._context)
-            if source.shader is None:
-                constant = floats(source.value, 2) or (0.0, 0.0)
-                # The same point of the texture everywhere: no primvar is read.
-                return "", _rows(matrix @ np.array([[0, 0, constant[0]], [0, 0, constant[1]], [0, 0, 1]]))
-            shader, name = source.shader, "in"
-            identifier = shader.GetShaderId()
-            if identifier == "UsdPrimvarReader_float2":
-                return self._varname(shader) or "st", _rows(matrix)
-            if identifier != "UsdTransform2d":
-                self._report(
-                    "texture coordinates", f"{identifier} cannot give texture coordinates yet: st is used"
-                )
-                return "st", _rows(matrix)
-            matrix = matrix @ self._transform_2d(shader)
-        return "st", _rows(matrix)  # a cycle, which USD has warned of
-
-    def _transform_2d(self, shader: UsdShade.Shader) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """UsdTransform2d: in · scale, turned anticlockwise, plus translation."""
-        rotation = floats(self._value(shader, "rotation", 0.0), 1) or (0.0,)
-        scale = floats(self._value(shader, "scale", (1.0, 1.0)), 2) or (1.0, 1.0)
-        translation = floats(self._value(shader, "translation", (0.0, 0.0)), 2) or (0.0, 0.0)
-        c, s = np.cos(np.radians(rotation[0])), np.sin(np.radians(rotation[0]))
-        return np.array(
-            [
-                [c * scale[0], -s * scale[1], translation[0]],
-                [s * scale[0], c * scale[1], translation[1]],
-                [0, 0, 1],
-            ]
+    def _finish(
+        self, inputs: dict[str, Any], threshold: float, cut_out: bool = False, **more: Any
+    ) -> MaterialData:
+        displacement_shader = self._displacement(inputs)
+        specular = self._network.constant_number(self._shader, "useSpecularWorkflow", 0)
+        network = self._network
+        optional = frozenset(network.optional)
+        if displacement_shader or "surface_shader" in more:
+            optional |= {_GLSL_TEXCOORD} - _needed(network.nodes)
+        return MaterialData(
+            str(self._material.GetPath()),
+            inputs,
+            network.nodes,
+            bool(specular),
+            threshold,
+            self._opacity_mode(),
+            self._priority(),
+            displacement_shader=displacement_shader,
+            primvars=network.primvars,
+            tangents=self._tangents,
+            optional=optional,
+            cut_out=cut_out,
+            **more,
         )
 
+    def _in_range(self, name: str, value: Input) -> Input:
+        """A constant within the specification's range; textures are held there where they are read."""
+        if isinstance(value, dict) or name == "ior" or 0 <= value <= 1:
+            return value
+        held = min(max(value, 0.0), 1.0)
+        self._network.report(f"bad {name}", f"{name} {value:g} is not from 0 to 1: {held:g} is used")
+        return held
 
-def _rows(matrix: np.ndarray[Any, np.dtype[np.float64]]) -> list[float]:
-    return [float(x) for x in matrix[:2].ravel()]
+    def _threshold(self) -> float:
+        return max(self._network.constant_number(self._shader, "opacityThreshold", 0.0), 0.0)
+
+    def _opacity_mode(self) -> str:
+        mode = str(self._network.constant(self._shader, "opacityMode", "transparent"))
+        if mode in _OPACITY_MODES:
+            return mode
+        self._network.report("opacityMode", f"opacityMode {mode} is unknown: transparent is used")
+        return "transparent"
+
+    def _normal(self) -> Input:
+        """The normal in the tangent frame of texture coordinates: those of its texture, or st."""
+        found = self._network.vector(self._shader, "normal", _UP)
+        if not isinstance(found, dict):
+            if not any(found):
+                self._network.report("bad normal", "a normal of length 0 has no direction: it has no effect")
+                return _UP
+            self._tangents = found != _UP
+            return found
+        node = self._network.nodes[found["node"]]
+        if node["kind"] != "texture":
+            self._tangents = True
+            return found
+        if not node["texcoord"]:
+            self._network.report(
+                "input normal",
+                f"{node['path']} has no texture coordinates to give normals in: it has no effect",
+            )
+            return _UP
+        if node["texture"] < 0:
+            return _UP  # reported; its fallback is meant for colours
+        self._check_normal_map(node)
+        return found
+
+    def _check_normal_map(self, node: dict[str, Any]) -> None:
+        is_8_bit = self._network.is_8_bit(node)
+        if is_8_bit and node["bias"][:2] == (0.0, 0.0):
+            self._network.report(
+                "normal map",
+                f"{node['path']} has 8 bits, and should have scale 2 and bias -1 for directions below 0",
+            )
+
+    def _displacement(self, inputs: dict[str, Any]) -> dict[str, Any] | None:
+        """Sets the input, or gives the shader, that the material's displacement output is connected to."""
+        shader = _terminal(self._material, "displacement")
+        network = self._network
+        if not shader:
+            self._report_unused_displacement()
+            return None
+        if glsl.is_glsl(shader):
+            return glsl.read_glsl(shader, network, self._context)
+        if shader.GetShaderId() == "UsdPreviewSurface":
+            inputs["displacement"] = network.number(shader, "displacement", 0.0)
+            return None
+        identifier = shader.GetShaderId() or "without info:id"
+        network.report(
+            f"shader {identifier}", f"displacement {identifier} is not supported: it has no effect"
+        )
+        return None
+
+    def _report_unused_displacement(self) -> None:
+        found = self._shader.GetInput("displacement")
+        if self._shader.GetShaderId() != "UsdPreviewSurface" or not found:
+            return
+        if found.HasConnectedSource() or found.Get(self._context.time) not in (None, 0.0):
+            self._network.report(
+                "input displacement",
+                "displacement has no effect: the material's displacement output is not connected",
+            )
+
+    def _priority(self) -> int:
+        attribute = self._material.GetPrim().GetAttribute(DIELECTRIC_PRIORITY)
+        value = attribute.Get(self._context.time) if attribute and attribute.HasAuthoredValue() else 0
+        number = floats(value, 1)
+        if number is None or number[0] != int(number[0]) or abs(number[0]) >= 2**31:
+            self._network.report(
+                "bad dielectricPriority", f"{DIELECTRIC_PRIORITY} {value} is no whole number: 0 is used"
+            )
+            return 0
+        return int(number[0])
+
+
+def _needed(nodes: list[dict[str, Any]]) -> set[str]:
+    """Texture coordinates that textures read, and that must be there for them."""
+    return {n["texcoord"] for n in nodes if n["kind"] == "texture" and "texcoord_fallback" not in n}
 
 
 def bound_materials(prims: list[Usd.Prim], purposes: tuple[str, ...]) -> list[UsdShade.Material | None]:

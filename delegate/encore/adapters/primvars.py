@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import itertools
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from encore.adapters.context import SyncContext
 
@@ -22,8 +23,9 @@ SHADING_RATES = (
     SHADING_RATE,
     *(f"{SHADING_RATE}:{layer}" for layer in ("direct", "reflection", "refraction")),
 )
-# What instances pass down to the meshes of their prototype; texture coordinates as well.
-INHERITED = ("displayColor", "displayOpacity", TARGET_EDGE_LENGTH, *SHADING_RATES)
+THIN_WALLED = "encore:thinWalled"
+# What instances pass down to meshes of their prototype, beside texture coordinates and what materials read.
+INHERITED = ("displayColor", "displayOpacity", TARGET_EDGE_LENGTH, THIN_WALLED, *SHADING_RATES)
 
 _TEXCOORD_TYPES = frozenset(
     str(t)
@@ -67,6 +69,21 @@ class Primvar(NamedTuple):
         return self._replace(values=self.values[keep])
 
 
+@dataclass(frozen=True)
+class Wanted:
+    """What the materials of a mesh read of it.
+
+    texcoords: by name. primvars: floats that are read of each one, by name. optional: those of both that
+    may be missing without a report. color: displayColor. solidity: whether it is closed.
+    """
+
+    texcoords: frozenset[str] = frozenset()
+    primvars: Mapping[str, int] = field(default_factory=dict)
+    optional: frozenset[str] = frozenset()
+    color: bool = False
+    solidity: bool = False
+
+
 def is_texcoord(primvar: UsdGeom.Primvar) -> bool:
     """True for texture coordinates: arrays (or values) of two floats, by any name."""
     return str(primvar.GetTypeName()) in _TEXCOORD_TYPES
@@ -86,10 +103,66 @@ def read_primvar(
     if primvar.GetElementSize() != 1:
         reject(name, path, context, f"elementSize {primvar.GetElementSize()} is not supported")
         return None
+    found = width_of(primvar)
+    if found != width:
+        what = f"{found} floats" if found else f"no numbers ({primvar.GetTypeName()})"
+        reject(name, path, context, f"it has {what} per element, not {width}")
+        return None
     indices = None
     if primvar.IsIndexed():
         indices = np.asarray(primvar.GetIndices(context.time), dtype=np.int32)
     return make_primvar(name, primvar.GetInterpolation(), value, indices, width, counts, path, context)
+
+
+def width_of(primvar: UsdGeom.Primvar) -> int:
+    """Numbers of one element: 1 to 4; 0 for types that are no such numbers."""
+    value = primvar.GetTypeName().scalarType.defaultValue
+    if isinstance(value, (bool, int, float)):
+        return 1
+    dimension = getattr(value, "dimension", 0)
+    return dimension if isinstance(dimension, int) and dimension <= 4 else 0
+
+
+def read_wanted(
+    primvars: Mapping[str, UsdGeom.Primvar],
+    wanted: Wanted,
+    counts: ElementCounts,
+    path: Sdf.Path,
+    context: SyncContext,
+) -> dict[str, Primvar]:
+    """The primvars that materials read besides texture coordinates, as four floats: what is missing is 0.
+
+    Those that the mesh does not have, or has with fewer floats than are read, are left out and reported.
+    """
+    found = {}
+    for name, width in sorted(wanted.primvars.items()):
+        primvar = primvars.get(name)
+        if primvar is None:
+            if name not in wanted.optional:
+                report_missing(name, "primvar", path, context)
+            continue
+        has = width_of(primvar)
+        if has < width:
+            what = f"{has} floats" if has else f"no numbers ({primvar.GetTypeName()})"
+            reject(name, path, context, f"its material reads {width} floats per element, it has {what}")
+            continue
+        read = read_primvar(primvar, has, counts, path, context)
+        if read is not None:
+            found[name] = four_wide(read)
+    return found
+
+
+def four_wide(primvar: Primvar) -> Primvar:
+    """The same values with zeros up to four floats."""
+    values = np.zeros((len(primvar.values), 4), np.float32)
+    values[:, : primvar.values.shape[1]] = primvar.values
+    return primvar._replace(values=values)
+
+
+def report_missing(name: str, what: str, path: Sdf.Path, context: SyncContext) -> None:
+    context.reports.add(
+        f"missing primvar {name}", f"its material reads {what} {name}, which the mesh does not have", path
+    )
 
 
 def make_primvar(
@@ -151,16 +224,54 @@ def read_number(
     return number
 
 
-def inherited_signature(primvars: list[UsdGeom.Primvar], time: Usd.TimeCode) -> tuple[object, ...]:
-    """Equal for two prims that pass the same values of interest down to their descendants."""
+def read_bool(
+    primvars: Mapping[str, UsdGeom.Primvar], name: str, path: Sdf.Path, context: SyncContext
+) -> bool | None:
+    """The constant bool primvar `name`; None where it is not authored, or is no bool (which is reported)."""
+    value = primvars[name].Get(context.time) if name in primvars else None
+    if value is None:
+        return None
+    if not isinstance(value, (bool, int)):
+        reject(name, path, context, f"its value is {value}, not a bool")
+        return None
+    return bool(value)
+
+
+def inherited_signature(
+    primvars: list[UsdGeom.Primvar], time: Usd.TimeCode, names: Collection[str] = ()
+) -> tuple[object, ...]:
+    """Equal for two prims that pass the same values of interest down to their descendants.
+
+    names: of primvars that materials read, as read_by_materials() finds them.
+    """
     signature = []
     for primvar in primvars:
         name = str(primvar.GetPrimvarName())
-        if name in INHERITED or is_texcoord(primvar):
+        if name in INHERITED or name in names or is_texcoord(primvar):
             value = primvar.ComputeFlattened(time)
-            data = np.asarray(value, dtype=np.float32).tobytes() if value is not None else b""
+            data = (
+                np.asarray(value, dtype=np.float32).tobytes()
+                if width_of(primvar) and value is not None
+                else b""
+            )
             signature.append((name, str(primvar.GetTypeName()), data))
     return tuple(sorted(signature))
+
+
+def read_by_materials(stage: Usd.Stage, time: Usd.TimeCode) -> frozenset[str]:
+    """Names of the primvars that any shader of the stage reads."""
+    names = set()
+    ranges = [stage.Traverse(), *(Usd.PrimRange(prototype) for prototype in stage.GetPrototypes())]
+    for prim in itertools.chain.from_iterable(ranges):
+        if prim.GetTypeName() != "Shader":
+            continue
+        shader = UsdShade.Shader(prim)
+        if not str(shader.GetShaderId() or "").startswith("UsdPrimvarReader_"):
+            continue
+        varname = shader.GetInput("varname")
+        for attribute in UsdShade.Utils.GetValueProducingAttributes(varname) if varname else ():
+            names.add(str(attribute.Get(time)))
+    return frozenset(names)
 
 
 def _sizes(found: str, interpolation: str, expected: int) -> str:

@@ -19,7 +19,14 @@ class NearestNeighbour {
     for (uint32_t id = 0; id < samples.keys.size(); ++id) ids_[pairOf(samples.keys[id])].push_back(id);
   }
 
-  uint32_t find(SurfaceKey key, Vec2f uv, float footprint = 1) const {
+  static float clean(float a) { return std::isnan(a) ? 0.0f : std::clamp(a, -0x1p40f, 0x1p40f); }
+  static float aspectPart(Vec4f a, Vec4f b) {
+    const float x = clean(a.x) - clean(b.x), y = clean(a.y) - clean(b.y), z = clean(a.z) - clean(b.z),
+                w = clean(a.w) - clean(b.w);
+    return (x * x + y * y) + (z * z + w * w);
+  }
+
+  uint32_t find(SurfaceKey key, Vec2f uv, float footprint = 1, Vec4f aspect = {}) const {
     if (key.instance == kNoInstance) return kShadeNone;
     const auto found = ids_.find(pairOf(key));
     if (found == ids_.end()) return kShadeNotFound;
@@ -31,6 +38,7 @@ class NearestNeighbour {
       const float du = q.x - p.x, dv = q.y - p.y;
       float squared = du * du + dv * dv;
       if (weight_ > 0) squared += footprintPart(footprint, samples_.footprints[id], weight_);
+      if (!samples_.aspects.empty()) squared += aspectPart(aspect, samples_.aspects[id]);
       if (squared < best) {
         best = squared;
         best_id = id;

@@ -36,6 +36,7 @@ inline ShadingSamples uploadShading(Device& device, const Samples& samples) {
   uploaded.key = upload(device, samples.keys, "key");
   uploaded.uv = upload(device, samples.uv, "uv");
   uploaded.footprint = upload(device, samples.footprints, "footprint");
+  if (!samples.aspects.empty()) uploaded.aspect = upload(device, samples.aspects, "aspect");
   return uploaded;
 }
 
@@ -46,6 +47,7 @@ inline AaSamples uploadAa(Device& device, const Samples& samples, uint32_t sampl
   uploaded.key = upload(device, samples.keys, "key");
   uploaded.uv = upload(device, samples.uv, "uv");
   uploaded.footprint = upload(device, samples.footprints, "footprint");
+  if (!samples.aspects.empty()) uploaded.aspect = upload(device, samples.aspects, "aspect");
   uploaded.shade = {device, samples.keys.size(), "shade"};
   return uploaded;
 }

@@ -82,8 +82,15 @@ inline Texel bilinear(const Level& level, double s, double t, WrapMode wrap_s, W
   return sum;
 }
 
+struct Filter {
+  double texels_per_footprint;
+  int taps_across;
+};
+inline constexpr Filter kShadingFilter{2, 2}, kPathFilter{1.75, 1};
+
 // The node's output for finite coordinates.
-inline Texel evaluate(const std::vector<Level>& levels, const PatternNode& node, Vec2f st, Vec2f dstdx, Vec2f dstdy) {
+inline Texel evaluate(const std::vector<Level>& levels, const PatternNode& node, Vec2f st, Vec2f dstdx, Vec2f dstdy,
+                      Filter filter = kShadingFilter) {
   const auto& m = node.st_transform;
   const double width = levels[0].width, height = levels[0].height;
   const double s = double(m[0]) * st.x + double(m[1]) * st.y + m[2];
@@ -95,27 +102,56 @@ inline Texel evaluate(const std::vector<Level>& levels, const PatternNode& node,
 
   // Axes of the ellipse J u, |u| = 1: singular values of J = (a b), and the direction of the longer axis.
   const double p = ax * ax + bx * bx, q = ax * ay + bx * by, r = ay * ay + by * by;
-  const double angle = 0.5 * std::atan2(2 * q, p - r);
+  const bool circle = std::hypot(0.5 * (p - r), q) <= 1e-3 * 0.5 * (p + r);
+  const double angle = circle ? std::atan2(ay, ax) : 0.5 * std::atan2(2 * q, p - r);
   const double major =
       std::hypot(std::cos(angle) * ax + std::sin(angle) * ay, std::cos(angle) * bx + std::sin(angle) * by);
   const double minor =
       std::hypot(std::cos(angle) * ay - std::sin(angle) * ax, std::cos(angle) * by - std::sin(angle) * bx);
 
-  const double texel = std::max({minor, major / 8, 1.0});
+  const double texel = std::max(std::max(minor, major / 8) / filter.texels_per_footprint, 1.0);
   const double lod = std::min(std::log2(texel), double(levels.size() - 1));
-  const int taps = int(std::clamp(std::ceil(major / texel - 1e-3), 1.0, 8.0));
+  const int along = int(std::clamp(std::ceil(major / texel - 1e-3), 1.0, 8 * filter.texels_per_footprint));
+  const int across = int(std::clamp(std::ceil(minor / texel - 1e-3), 1.0, double(filter.taps_across)));
   const size_t fine = size_t(lod), coarse = std::min(fine + 1, levels.size() - 1);
 
   Texel sum{};
-  for (int tap = 0; tap < taps; ++tap) {
-    const double along = ((tap + 0.5) / taps - 0.5) * major;
-    const double at_s = s + along * std::cos(angle) / width, at_t = t + along * std::sin(angle) / height;
+  for (int tap = 0; tap < along * across; ++tap) {
+    const double u = ((tap % along + 0.5) / along - 0.5) * major, v = ((tap / along + 0.5) / across - 0.5) * minor;
+    const double at_s = s + (u * std::cos(angle) - v * std::sin(angle)) / width;
+    const double at_t = t + (u * std::sin(angle) + v * std::cos(angle)) / height;
     const Texel near = bilinear(levels[fine], at_s, at_t, node.wrap_s, node.wrap_t);
     const Texel far = bilinear(levels[coarse], at_s, at_t, node.wrap_s, node.wrap_t);
-    for (size_t c = 0; c < 4; ++c) sum[c] += (near[c] + (far[c] - near[c]) * (lod - double(fine))) / taps;
+    for (size_t c = 0; c < 4; ++c) sum[c] += (near[c] + (far[c] - near[c]) * (lod - double(fine))) / (along * across);
   }
   for (size_t c = 0; c < 4; ++c) sum[c] = sum[c] * node.scale[c] + node.bias[c];
   return sum;
+}
+
+// Index into node.udim of the tile at finite coordinates, with a texture, or -1. Where there is none at a border, the
+// tile on its left, below, or both.
+inline int32_t udimTile(const PatternNode& node, Vec2f st) {
+  const auto& m = node.st_transform;
+  const float s = m[0] * st.x + m[1] * st.y + m[2], t = m[3] * st.x + m[4] * st.y + m[5];
+  const auto at = [&](double column, double row) {
+    const double index = column + 10 * row;
+    if (column < 0 || column > 9 || row < 0 || index >= double(node.udim.size())) return -1;
+    return node.udim[size_t(index)] < 0 ? -1 : int32_t(index);
+  };
+  const double column = std::floor(s), row = std::floor(t);
+  const double left = column == s ? column - 1 : column, below = row == t ? row - 1 : row;
+  for (int32_t tile : {at(column, row), at(left, row), at(column, below), at(left, below)})
+    if (tile >= 0) return tile;
+  return -1;
+}
+
+// The node's output within a tile.
+inline Texel evaluateUdim(const std::vector<Level>& levels, PatternNode node, int32_t tile, Vec2f st, Vec2f dstdx,
+                          Vec2f dstdy) {
+  node.st_transform[2] -= float(tile % 10);
+  node.st_transform[5] -= float(tile / 10);
+  node.wrap_s = node.wrap_t = WrapMode::Clamp;
+  return evaluate(levels, node, st, dstdx, dstdy);
 }
 
 }  // namespace encore::twin

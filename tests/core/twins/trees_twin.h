@@ -18,6 +18,7 @@ struct Samples {
   std::vector<SurfaceKey> keys;
   std::vector<Vec2f> uv;
   std::vector<float> footprints;
+  std::vector<Vec4f> aspects;  // empty: no part of the distance
 
   void add(SurfaceKey key, Vec2f at, float footprint = 1) {
     keys.push_back(key);
