@@ -161,10 +161,10 @@ size_t addMaterial(Scene& scene, std::string path, const nb::dict& inputs, const
 void bindMaterials(nb::class_<Scene>& scene) {
   scene.def("add_texture", &addTexture, nb::arg("path"), nb::arg("pixels"),
             "Adds linear pixels (height, width, 4) float32, bottom row first; the texture's index.");
-  scene.def("add_texture_source", &addTextureSource, nb::arg("path"), nb::arg("width"), nb::arg("height"),
-            nb::arg("read"),
-            "Adds a texture whose pixels are read when they are wanted; its index. read(): (height, width, 4) float16,\n"
-            "linear, bottom row first; always the same. It may be called from another thread.");
+  scene.def(
+      "add_texture_source", &addTextureSource, nb::arg("path"), nb::arg("width"), nb::arg("height"), nb::arg("read"),
+      "Adds a texture whose pixels are read when they are wanted; its index. read(): (height, width, 4) float16,\n"
+      "linear, bottom row first; always the same. It may be called from another thread.");
   scene.def("add_material", &addMaterial, nb::arg("path"), nb::arg("inputs") = nb::dict(),
             nb::arg("nodes") = nb::list(), nb::arg("use_specular_workflow") = false,
             nb::arg("opacity_threshold") = 0.0f, nb::kw_only(), nb::arg("opacity_mode") = "transparent",

@@ -19,8 +19,7 @@ void checkShape(const Light& light, const Scene& scene) {
   switch (light.kind) {
     case Light::Kind::Distant:
       checkSize(isUnit(light.direction), light, "xformOp:transform",
-                "the light's direction is " + text(light.direction),
-                "Give the light a transform that can be inverted");
+                "the light's direction is " + text(light.direction), "Give the light a transform that can be inverted");
       checkSize(light.angle_radians >= 0 && light.angle_radians <= 2 * kPi * 1.0001f, light, "inputs:angle",
                 "the light's angle is " + text(light.angle_radians) + " radians",
                 "Choose an angle from 0 to 360 degrees");
@@ -38,8 +37,7 @@ void checkShape(const Light& light, const Scene& scene) {
       break;
     case Light::Kind::Cylinder:
       checkSize(above(light.radius), light, "inputs:radius", radius, "Give the light a finite radius above 0");
-      checkSize(above(length(light.half_u)), light, "inputs:length", edges,
-                "Give the light a finite length above 0");
+      checkSize(above(length(light.half_u)), light, "inputs:length", edges, "Give the light a finite length above 0");
       break;
     case Light::Kind::Dome:
       for (const Vec3f axis : {light.axis_x, light.axis_y, light.axis_z})

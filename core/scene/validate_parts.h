@@ -29,12 +29,12 @@ inline void checkTransform(const Affine3d& m, const std::string& where) {
           "Remove scales of 0 and axes that coincide, or make the prim invisible");
 }
 
-inline void checkIndex(int64_t index, int64_t lowest, size_t count, const std::string& where, const std::string& things) {
+inline void checkIndex(int64_t index, int64_t lowest, size_t count, const std::string& where,
+                       const std::string& things) {
   if (index < lowest || index >= int64_t(count))
     raise(where, "index " + text(index) + " is out of range: " + things + " number " + text(count),
           "Refer to one of the scene's " + things);
 }
-
 
 // Keys of motion: their number, and each of them by check(key, where).
 template <class Key, class Check>

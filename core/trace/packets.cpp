@@ -129,7 +129,8 @@ struct PacketTracer::Impl {
     query.setOrigin(own_origins ? Vec3f{} : origin_);
   }
 
-  void load(embree::Query& to, const RayPacket& rays, uint32_t count) const {
+  // Inline, so that it is compiled for the processor of its caller.
+  [[gnu::always_inline]] void load(embree::Query& to, const RayPacket& rays, uint32_t count) const {
     if (own_origins || own_times)
       to.setOwnRays(rays, count, own_origins, own_times);
     else

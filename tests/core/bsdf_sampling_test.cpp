@@ -202,9 +202,7 @@ TEST(ChiSquared, RoughSheet) {
             wi = b.direction;
             return b.valid;
           },
-          [&](Vec3d wi) {
-            return wi.z < 0 ? twinReflectionPdf(toDouble(wo), {wi.x, wi.y, -wi.z}, alpha) : 0;
-          });
+          [&](Vec3d wi) { return wi.z < 0 ? twinReflectionPdf(toDouble(wo), {wi.x, wi.y, -wi.z}, alpha) : 0; });
     }
 }
 

@@ -118,9 +118,7 @@ TEST(Displacement, HasNoCracksWhereMaterialsMeetAndFacesThatAreNotDisplacedStay)
     for (size_t face = 0; face < mixed.face_vertex_counts.size(); ++face)
       mixed.face_materials.push_back(face % 4 == 3 ? -1 : int32_t(face % 4));
     ClosedForm source(
-        [](const At& at) {
-          return DisplacementInputs{{0, 0, 0.1f}, 0.2f * at.st.x - std::floor(at.st.x)};
-        },
+        [](const At& at) { return DisplacementInputs{{0, 0, 0.1f}, 0.2f * at.st.x - std::floor(at.st.x)}; },
         {{0.05f, 0, 0}, 0.1f});
     const DicedMesh diced = diceDisplaced(mixed, 0.3f, source);
     EXPECT_EQ(openEdges(diced), 0u);

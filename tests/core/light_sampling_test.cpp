@@ -24,8 +24,7 @@ TEST(LightSampling, FollowsItsDensity) {
       d = s.direction;
       return s.valid;
     };
-    const test::ChiSquared chi = test::testDirections(
-        sample, [&](Vec3f d) { return sampler.pdf(d); }, 40000, 400);
+    const test::ChiSquared chi = test::testDirections(sample, [&](Vec3f d) { return sampler.pdf(d); }, 40000, 400);
     EXPECT_LT(chi.value(), chi.limit()) << c.name;
     EXPECT_GE(chi.cells, 100) << c.name;
   }

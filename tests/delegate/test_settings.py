@@ -18,7 +18,9 @@ def test_keys_and_defaults_are_those_of_the_core() -> None:
     for key, setting in SETTINGS.items():
         if setting.default is not None:
             expected = (
-                setting.default if isinstance(setting.default, str) else pytest.approx(setting.default, rel=1e-6)
+                setting.default
+                if isinstance(setting.default, str)
+                else pytest.approx(setting.default, rel=1e-6)
             )
             assert core[key] == expected, key
 

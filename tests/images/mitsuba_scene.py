@@ -21,8 +21,10 @@ COPPER, COPPER_ROUGHNESS, IOR, MAX_BOUNCES = (0.86, 0.5, 0.32), 0.28, 1.5, 5
 
 
 def sky() -> np.ndarray:
-    """A latlong image with a bright patch. (256, 512, 3): fine, since Mitsuba has its first and last row at the
-    poles themselves, and USD half a pixel away."""
+    """A latlong image with a bright patch, (256, 512, 3).
+
+    Fine, since Mitsuba has its first and last row at the poles themselves, and USD half a pixel away.
+    """
     y, x = (np.mgrid[0:256, 0:512] + 0.5) / 256
     up = np.cos(np.pi * y)
     blue = np.stack([0.25 + 0.1 * up, 0.3 + 0.15 * up, 0.4 + 0.25 * up], axis=-1)
