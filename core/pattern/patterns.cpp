@@ -254,7 +254,9 @@ struct Patterns::Impl {
       parts[p].compileShaders(device, cache);
     }
     const uint64_t budget = settings.texture_budget_bytes;
-    textures.emplace(device, scene, layout, tiles, budget ? budget : defaultBudget(device));
+    // Only a budget that was asked for is a hard one: the default grows to half of the memory before it fails.
+    const uint64_t given = budget ? budget : defaultBudget(device);
+    textures.emplace(device, scene, layout, tiles, given, budget ? budget : 4 * given);
 
     for (size_t m = 0; m < materials; ++m) {
       normal_texcoords.push_back(normalTexcoordOf(scene.materials[m]));

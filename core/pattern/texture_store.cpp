@@ -46,9 +46,10 @@ std::vector<uint16_t> readPixels(const Texture& texture) {
 }  // namespace
 
 TextureStore::TextureStore(Device& device, const Scene& scene, const TextureLayout& layout,
-                           std::span<const TextureTile> tiles, uint64_t budget_bytes)
+                           std::span<const TextureTile> tiles, uint64_t budget_bytes, uint64_t most_bytes)
     : scene_(scene),
       budget_(budget_bytes),
+      most_(most_bytes),
       total_(totalBytes(scene, layout)),
       heap_(device, pageBytes(budget_, total_)) {
   for (size_t i = 0; i < layout.tiles.size(); ++i) {
@@ -102,7 +103,8 @@ bool TextureStore::endBatch() {
     needed += rangeBytes(pyramid, pyramid.wanted, pyramid.level_count);
     missing += rangeBytes(pyramid, pyramid.wanted, std::max(pyramid.wanted, pyramid.resident));
   }
-  if (needed > budget_) raiseTooSmall(needed);
+  if (needed > most_) raiseTooSmall(needed);
+  budget_ = std::max(budget_, needed);
   makeRoom(missing);
   levels_.toDevice();
   for (Pyramid& pyramid : pyramids_)
@@ -178,7 +180,7 @@ void TextureStore::raiseTooSmall(uint64_t needed) const {
   for (const Pyramid& pyramid : pyramids_) count += pyramid.wanted < pyramid.level_count;
   throw Error(ErrorKind::Memory,
               "one batch looks up " + text(count) + " textures, whose levels need " + mebibytes(needed) +
-                  ", and the budget for textures is " + mebibytes(budget_),
+                  ", and the budget for textures is " + mebibytes(most_),
               "texture_budget_bytes", "Raise the budget, or use smaller textures");
 }
 

@@ -18,14 +18,15 @@ namespace encore {
 // wanted tails are made resident, others leave for them, and the batch is evaluated again.
 class TextureStore {
  public:
-  // Keeps a reference to the scene. tiles: what tables of nodes refer to. budget_bytes: of resident levels.
+  // Keeps a reference to the scene. tiles: what tables of nodes refer to. budget_bytes: of resident levels, up to most_bytes where one
+  // batch needs more.
   TextureStore(Device& device, const Scene& scene, const TextureLayout& layout, std::span<const TextureTile> tiles,
-               uint64_t budget_bytes);
+               uint64_t budget_bytes, uint64_t most_bytes);
 
   uint64_t tablesAddress() const { return tables_.address(); }
   void beginBatch();
   // Whether the values of the batch hold. Else what it wants has been made resident, and a second try will do.
-  // Throws Error(Memory) when all that it wants does not fit the budget together, and what texture sources throw.
+  // Throws Error(Memory) when all that it wants does not fit most_bytes together, and what texture sources throw.
   bool endBatch();
 
   uint64_t bytes() const;  // of resident levels and tables
@@ -56,7 +57,7 @@ class TextureStore {
   [[noreturn]] void raiseTooSmall(uint64_t needed) const;
 
   const Scene& scene_;
-  uint64_t budget_, total_ = 0;  // total: of all levels
+  uint64_t budget_, most_, total_ = 0;  // total: of all levels
   uint64_t resident_ = 0, table_bytes_ = 0, peak_ = 0;
   uint64_t batch_ = 0;
   TextureHeap heap_;

@@ -26,6 +26,7 @@ struct PlanInput {
     Search search = Search::Tree;
   };
   std::vector<LayerInput> layers;
+  uint64_t path_state_bytes = 0;  // that a path takes more than in scenes where it never passes a surface
 };
 
 // budget_bytes > 0. Throws Error(Memory) that names the smallest sufficient budget.

@@ -129,6 +129,9 @@ class FrameRenderer {
       statistics_.layers[layerName(layer)].search = search_->kindOf(layer);
       input.layers.push_back({rates_->highest(layer), search_->kindOf(layer)});
     }
+    // Interiors of solids and the state of what passes a surface, twice while blocks are joined (core/path).
+    if (layers_.back() == Layer::Refraction) input.path_state_bytes += 512;
+    if (passesThrough(scene_)) input.path_state_bytes += 768;
     const uint64_t budget = settings_.memory_budget_bytes
                                 ? settings_.memory_budget_bytes
                                 : defaultMemoryBudget(device_.info().cpu, device_.info().memory_bytes);

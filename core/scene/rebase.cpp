@@ -10,6 +10,7 @@ void rebase(Scene& scene, Vec3d origin) {
   for (Instance& instance : scene.instances) move(instance.to_world, instance.motion);
   for (Light& light : scene.lights) light.centre += -origin;
   move(scene.camera.to_world, scene.camera.motion);
+  scene.origin += origin;
 }
 
 }  // namespace encore

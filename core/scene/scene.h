@@ -43,6 +43,7 @@ struct Scene {
   std::vector<Material> materials;  // material 0 exists
   std::vector<Light> lights;
   Camera camera;
+  Vec3d origin{0, 0, 0};  // of these coordinates in the world: what rebase() has taken off
 
   // Something moves while the shutter is open: rays have times.
   bool moves() const;

@@ -128,7 +128,7 @@ PreparedLight LightSet::prepare(const Scene& scene, const Settings& settings, co
   prepared.parts.image = decode(scene, light, data);
   if (light.kind == Light::Kind::Mesh && light.instance >= 0) {
     const bool flipped = scene.instances[size_t(light.instance)].to_world.determinant() < 0;
-    data.meshes.push_back(std::make_unique<MeshLight>(trace, uint32_t(light.instance), flipped));
+    data.meshes.push_back(std::make_unique<MeshLight>(trace, uint32_t(light.instance), flipped, scene.moves()));
     data.bytes += data.meshes.back()->bytes();
     data.emitting.push_back(uint32_t(data.lights.size()));
     prepared.parts.mesh = data.meshes.back().get(), prepared.parts.trace = &trace;

@@ -36,15 +36,16 @@ struct MeshLight::Built {
   float area;
 };
 
-MeshLight::MeshLight(const TraceScene& trace, uint32_t instance, bool flipped)
+MeshLight::MeshLight(const TraceScene& trace, uint32_t instance, bool flipped, bool moves)
     : instance_(instance), flipped_(flipped) {
   std::vector<Built> built;
   for (uint32_t mesh = 0; mesh < trace.meshCount(instance); ++mesh)
     for (uint32_t i = 0; i < trace.triangleCount(instance, mesh); ++i) {
       Built b{{mesh, i}, {}, {}, {}, 0};
       triangles_.assign(1, b.triangle);
-      for (const float time : {0.0f, 1.0f})
-        for (const Vec3f p : triangle(trace, 0, time)) b.bounds.add(p);
+      const uint32_t poses = moves ? uint32_t(kMaxMotionKeys) : 1;
+      for (uint32_t k = 0; k < poses; ++k)
+        for (const Vec3f p : triangle(trace, 0, float(k) / float(std::max(1u, poses - 1)))) b.bounds.add(p);
       const std::array<Vec3f, 3> t = triangle(trace, 0, 0.5f);
       for (const Vec3f p : t) b.bounds.add(p);
       b.area = areaOf(t), b.centre = b.bounds.centre(), b.normal = normalize(cross(t[1] - t[0], t[2] - t[0]));

@@ -13,6 +13,8 @@ namespace {
 
 // Bounds scratch memory. A multiple of the packet size, so that packets depend on the block alone.
 constexpr size_t kChunkRays = 4096;
+// Of the distance: hits of one mesh that are closer are one crossing.
+constexpr float kSameCrossing = 0x1p-18f;
 // Footprints grow towards grazing hits, up to this factor.
 constexpr float kLeastFootprintCosine = 0.1f;
 
@@ -115,8 +117,14 @@ void PassingShadows::traceNearest(std::span<Traced> traced) {
   std::vector<Hit> hits(rays.size());
   passages_->context().trace.intersect(rays, hits, Coherence::Incoherent);
   for (size_t i = 0; i < traced.size(); ++i) {
-    const bool valid = hits[i].valid();
-    follow(traced[i], std::span(&hits[i], valid ? 1 : 0), valid);
+    const Hit& hit = hits[i];
+    const bool valid = hit.valid();
+    // Of one crossing, a ray that starts again may find a rest: an edge's other triangle, or the same, a rounding on.
+    const Hit& last = traced[i].last;
+    const bool again = valid && last.valid() && hit.instance == last.instance && hit.mesh == last.mesh &&
+                       hit.t - last.t <= kSameCrossing * hit.t;
+    if (valid) traced[i].last = hit;
+    follow(traced[i], std::span(&hit, valid && !again ? 1 : 0), valid);
   }
 }
 
@@ -133,7 +141,7 @@ void PassingShadows::follow(Traced& ray, std::span<const Hit> hits, bool more) {
   }
   if (!more && questions_.size() == asked) return deliver(ray);
   if (more) {
-    const float last = hits.back().t;
+    const float last = hits.empty() ? ray.last.t : hits.back().t;
     // The hits of intersect() include the start, those of shadows() do not.
     ray.ray.tnear = ray.rule->falloff > 0 ? std::nextafter(last, INFINITY) : last;
   }

@@ -69,6 +69,7 @@ class PassingShadows {
     uint32_t vertex;
     const ShadowRule* rule;
     Vec3f light{1, 1, 1};  // what is left of it
+    Hit last{};            // of rays that go one hit at a time: the one before
   };
   // A hit that lets pass what evaluation has to tell.
   struct Question {

@@ -259,6 +259,7 @@ class Shade {
   // Some rays wait until surfaces that they passed are evaluated: a few blocks at a time, so that memory is bounded.
   void runPassing() {
     const Passages passages(context_);
+    splitBlocks();
     for (size_t first = 0, last; first < ends_.size(); first = last) {
       for (last = first + 1; last < ends_.size() && raysOf(first, last + 1) <= kMostPassingRays;) ++last;
       std::vector<PassingShadows> passing(last - first, PassingShadows(passages, vertices_, radiance_));
@@ -274,6 +275,20 @@ class Shade {
   }
 
  private:
+  // Cuts blocks of many vertices, by a size that only the settings and lights decide, so that some are in work at
+  // once and what waits stays bounded.
+  void splitBlocks() {
+    const uint64_t rays = std::max<uint64_t>(1, context_.lights.raysPerShade() + context_.settings.light_samples);
+    const uint32_t most = uint32_t(std::max<uint64_t>(64, kMostPassingRays / 16 / rays));
+    uint32_t i = 0;
+    for (const uint32_t end : ends_)
+      do {
+        i = end - i > most ? i + most : end;
+        parts_.push_back(i);
+      } while (i < end);
+    ends_ = parts_;
+  }
+
   uint32_t begin(size_t block) const { return block == 0 ? 0 : ends_[block - 1]; }
   // Rays of the blocks from first to before last, at most.
   uint64_t raysOf(size_t first, size_t last) const {
@@ -300,6 +315,7 @@ class Shade {
   const ShadeContext& context_;
   std::span<const PathVertex> vertices_;
   std::span<const uint32_t> ends_;
+  std::vector<uint32_t> parts_;  // of blocks, where ends_ refers to them
   std::span<Vec3f> radiance_;
   const VertexInputs inputs_;
   const Frame frame_;

@@ -35,7 +35,7 @@ void appendPatternPoint(const TraceScene& trace, const PointLayout& layout, cons
         break;
       }
       case PointSlot::Kind::Position:
-        add(data, point.position);
+        add(data, trace.worldPosition(point.position));
         break;
       case PointSlot::Kind::ObjectPosition:
         add(data, trace.objectPosition(hit));

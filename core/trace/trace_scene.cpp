@@ -196,6 +196,8 @@ std::vector<uint32_t> TraceScene::untraceable() const {
   return indices;
 }
 
+Vec3f TraceScene::worldPosition(Vec3f position) const { return toFloat(toDouble(position) + impl_->scene.origin); }
+
 float TraceScene::diagonal() const { return impl_->diagonal; }
 
 uint64_t TraceScene::primitiveCount() const {

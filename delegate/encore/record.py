@@ -181,6 +181,12 @@ def _record_frame(
     except Cancelled:
         raise Cancelled(signals.number or signal.SIGINT) from None
     warnings = _report(options, rendered, progress)
+    if options.strict and rendered.reports.has_errors:
+        # Found while rendering, such as pixels of a texture: what sync found has ended the run before.
+        error = rendered.reports.errors[0]
+        raise StageError(
+            f"{error.path}: {error.message}", options.stage, "Repair it, or render without --strict"
+        )
     return stats.frame_statistics(
         rendered.statistics,
         frame=frame.label,

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from encore.adapters.glsl import is_glsl
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdUtils
 from stages import (
     add_material,
@@ -250,3 +251,17 @@ def test_other_languages(stage: Usd.Stage, source_type: str) -> None:
     translation = translate(stage)
     assert material_name(translation, "/World/Mesh") == "default"
     assert kinds(translation)["shader without id"] == 1
+
+
+def test_code_of_another_language_is_not_taken_for_glsl() -> None:
+    stage = Usd.Stage.CreateInMemory()
+    shader = UsdShade.Shader.Define(stage, "/S")
+    shader.GetPrim().CreateAttribute("info:implementationSource", Sdf.ValueTypeNames.Token).Set("sourceAsset")
+    source = shader.GetPrim().CreateAttribute("info:sourceAsset", Sdf.ValueTypeNames.Asset)
+    source.Set("x.osl")
+    assert not is_glsl(shader)
+    source.Set("x.glsl")
+    assert is_glsl(shader)
+    source.Set("x.osl")
+    shader.GetPrim().CreateAttribute("info:glsl:sourceAsset", Sdf.ValueTypeNames.Asset).Set("any.name")
+    assert is_glsl(shader)

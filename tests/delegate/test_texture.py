@@ -467,3 +467,27 @@ def test_a_cycle_of_connections_ends(stage: Usd.Stage, tmp_path: Path) -> None:
     translation = translate(stage)
     assert "/World/Mesh" in instances(translation)
     assert kinds(translation)["cyclic network"] == 1
+
+
+def test_a_missing_file_is_not_looked_for_in_the_working_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "stage").mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "only_here.png").write_bytes(b"")
+    stage = Usd.Stage.CreateNew(str(tmp_path / "stage" / "s.usda"))
+    prim = stage.DefinePrim("/Texture", "Shader")
+    prim.CreateAttribute("inputs:file", Sdf.ValueTypeNames.Asset).Set("./only_here.png")
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    reports = Reports()
+    textures = Textures(object(), SyncContext(stage, Usd.TimeCode.Default(), reports))
+    assert textures.index(prim.GetAttribute("inputs:file").Get(), "raw", prim.GetPath()) == -1
+    assert "missing texture" in {r.kind for r in reports}
+
+
+def test_a_file_that_is_no_asset_is_reported() -> None:
+    reports = Reports()
+    stage = Usd.Stage.CreateInMemory()
+    textures = Textures(object(), SyncContext(stage, Usd.TimeCode.Default(), reports))
+    assert textures.index("abc.png", "raw", Sdf.Path("/T")) == -1  # type: ignore[arg-type]
+    assert "bad texture file" in {r.kind for r in reports}

@@ -341,6 +341,27 @@ void surface(in SurfacePoint point, inout Surface surface) {
     np.testing.assert_allclose(picture[..., 2].mean(axis=1), x[::-1], atol=0.01)
 
 
+@pytest.mark.parametrize("eye", [0.0, 0.5])
+def test_position_in_glsl_is_that_of_the_world(eye: float) -> None:
+    """Wherever the camera stands: the wall glows where x is above 0."""
+    stage = new_stage()
+    add_camera(stage, (eye, 0, 4), (eye, 0, 0), 0.25)
+    look = UsdShade.Material.Define(stage, "/World/Looks/Own")
+    code = """
+void surface(in SurfacePoint point, inout Surface surface) {
+  surface.diffuseColor = vec3(0.0);
+  surface.emissiveColor = vec3(step(0.0, point.position.x));
+  surface.ior = 1.0;
+}
+"""
+    glsl(look, code)
+    wall(stage, "/World/Wall", look, half=2.0)
+    settings = {"filter": "box", "filter_radius_pixels": 0.5, "camera_light": False}
+    picture = render(stage, 16, 4, samples=2, shading_rate=16.0, **settings)["composite"][..., 0].mean(axis=0)
+    edge = 8 - round(8 * eye)
+    assert (picture[: edge - 1] == 0).all() and (picture[edge + 1 :] == 1).all()
+
+
 def test_materials_that_vary_do_not_change_their_neighbours(tmp_path: Path) -> None:
     """The left wall is constant, the right one textured: the left one's pixels stay what they are alone."""
     pictures = []

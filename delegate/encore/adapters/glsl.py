@@ -15,6 +15,7 @@ SOURCE_TYPE = "glsl"
 SURFACE_OPTIONS = ("opacityMode", "opacityThreshold", "useSpecularWorkflow")
 
 _IDENTIFIER = re.compile(r"(?!gl_)[A-Za-z_][A-Za-z0-9_]*")
+_EXTENSIONS = (".glsl", ".frag", ".comp")
 _VECTORS = {2: "vec2", 3: "vec3", 4: "vec4"}
 
 
@@ -22,7 +23,12 @@ def is_glsl(shader: UsdShade.Shader) -> bool:
     """Whether the shader names GLSL code, by info:sourceAsset, info:sourceCode or their glsl: forms."""
     source = shader.GetImplementationSource()
     if source == "sourceAsset":
-        return bool(shader.GetSourceAsset(SOURCE_TYPE))
+        asset = shader.GetSourceAsset(SOURCE_TYPE)
+        own = shader.GetPrim().GetAttribute("info:glsl:sourceAsset")
+        # The universal form may be of any language.
+        return bool(asset) and (
+            bool(own and own.HasAuthoredValue()) or asset.path.lower().endswith(_EXTENSIONS)
+        )
     return source == "sourceCode" and bool(shader.GetSourceCode(SOURCE_TYPE))
 
 
@@ -60,7 +66,7 @@ def _source(shader: UsdShade.Shader, network: Network, context: SyncContext) -> 
             name = "info:sourceCode"
         return f"{shader.GetPath()}.{name}", str(shader.GetSourceCode(SOURCE_TYPE))
     asset: Sdf.AssetPath = shader.GetSourceAsset(SOURCE_TYPE)
-    resolved = asset.resolvedPath or str(Ar.GetResolver().Resolve(asset.path))
+    resolved = asset.resolvedPath
     opened = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(resolved)) if resolved else None
     if not opened:
         network.error("missing GLSL", f"{asset.path}, the source of {shader.GetPath()}, does not exist")

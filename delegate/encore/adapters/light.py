@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdLux
+from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from encore.adapters.context import Matrix, SyncContext, floats
 from encore.adapters.texture import Textures
@@ -284,7 +284,7 @@ def _texture(prim: Usd.Prim, mirrored: bool, textures: Textures, context: SyncCo
     """The image of a rect or dome, where there is one. One that cannot be read leaves the plain colour."""
     attribute = prim.GetAttribute("inputs:texture:file")
     asset = attribute.Get(context.time) if attribute else None
-    if asset is None or not asset.path:
+    if not isinstance(asset, Sdf.AssetPath) or not asset.path:
         return {}
     source = attribute.GetColorSpace() if attribute.HasColorSpace() else "auto"
     index = textures.light_texture(asset, source, prim.GetPath())
@@ -399,7 +399,7 @@ def _report_unsupported(prim: Usd.Prim, kind: str, context: SyncContext) -> None
     path, reports = prim.GetPath(), context.reports
     profile = prim.GetAttribute("inputs:shaping:ies:file")
     value = profile.Get(context.time) if profile else None
-    if value is not None and value.path:
+    if isinstance(value, Sdf.AssetPath) and value.path:
         reports.add("light shaping:ies:file", "IES profiles are not supported: its shape is left out", path)
     filters = prim.GetRelationship("light:filters")
     if filters and filters.GetTargets():

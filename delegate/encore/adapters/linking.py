@@ -25,7 +25,7 @@ class Links:
         self._number: dict[tuple[Sdf.Path, str], int] = {}  # of a light's collection among the queries
         self._groups: dict[tuple[bool, ...], int] = {}  # by membership in all queries
         self._known: dict[str, int] = {}
-        self._inner: list[Sdf.Path] = []  # paths that collections name
+        self._above: set[Sdf.Path] = set()  # of what collections name, the prims above it
         for light in lights:
             for name in _LINKS:
                 self._add(light, name)
@@ -50,10 +50,10 @@ class Links:
 
     def check_instance(self, path: str) -> None:
         """Reports collections that tell prims inside of an instance apart, which share one link group."""
-        if not self._inner:
+        if not self._above:
             return
         place = Sdf.Path(path.partition("[")[0])
-        if any(inner != place and inner.HasPrefix(place) for inner in self._inner):
+        if place in self._above:
             self._context.reports.add(
                 "linking inside an instance",
                 "lights are linked to prims inside of it: linking applies to instances as a whole",
@@ -76,7 +76,8 @@ class Links:
         self._number[key] = len(self._queries)
         self._queries.append(collection.ComputeMembershipQuery())
         for relationship in (collection.GetIncludesRel(), collection.GetExcludesRel()):
-            self._inner += relationship.GetForwardedTargets() if relationship else []
+            for target in relationship.GetForwardedTargets() if relationship else []:
+                self._above.update(target.GetPrefixes()[:-1])
 
 
 def is_light(prim: Usd.Prim) -> bool:

@@ -24,6 +24,7 @@ MOST_KEYS = 129  # kMaxMotionKeys of core/scene/scene.h
 TOLERANCE = 1e-3  # of linear interpolation between keys, relative to the distance moved
 # Changes below this, relative to the size of what changes, are none.
 STILL = 1e-10
+_MOST_NUMBERS = 1 << 27  # of all keys of one deforming mesh
 _SEGMENTS = (*range(1, 17), 20, 24, 32, 40, 48, 64, 80, 96, 128)
 # Where to look between two of USD's samples: nowhere that whole turns or even keys would hide.
 _BETWEEN = (0.211, 0.5, 0.783)
@@ -81,7 +82,9 @@ def resample(
         return None
     allowed = np.maximum(TOLERANCE * moved, least)
     keys = None
-    for segments in _SEGMENTS:
+    # Large meshes get no more keys than their samples ask for, and memory allows.
+    most = _SEGMENTS[-1] if matrices else max(len(breaks) - 1, _MOST_NUMBERS // max(truth[0].size, 1))
+    for segments in (s for s in _SEGMENTS if s == _SEGMENTS[0] or s <= most):
         keys = sampler(uniform(segments + 1))
         if _exceeds(_furthest(interpolate(keys, checked) - truth, matrices), allowed):
             continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from pxr import Ar, Sdf, Usd, UsdShade
@@ -31,10 +32,16 @@ class Textures:
         color_space: as image.read_pixels(). path: the prim that names it, for messages.
         """
         reports = self._context.reports
+        if asset is not None and not isinstance(asset, Sdf.AssetPath):
+            reports.error("bad texture file", f"its file is {asset!r}, no asset: it gives its fallback", path)
+            return -1
         if asset is None or not asset.path:
             reports.add("no texture file", "has no file, and gives its fallback", path)
             return -1
-        resolved = asset.resolvedPath or str(Ar.GetResolver().Resolve(asset.path))
+        # A relative path that USD did not find beside its layer is not looked for anywhere else.
+        resolved = asset.resolvedPath
+        if not resolved and Path(asset.path).is_absolute():
+            resolved = str(Ar.GetResolver().Resolve(asset.path))
         if not resolved:
             reports.error("missing texture", f"{asset.path} does not exist, and gives its fallback", path)
             return -1
@@ -59,7 +66,11 @@ class Textures:
         if not isinstance(asset, Sdf.AssetPath) or not UsdShade.UdimUtils.IsUdimIdentifier(asset.path):
             return None
         specs = file.GetPropertyStack(self._context.time)
-        layer = specs[0].layer if specs else self._context.stage.GetRootLayer()
+        # Of the spec that has the value: a stronger one may only say its colour space.
+        layer = next(
+            (s.layer for s in specs if s.HasDefaultValue() or s.layer.ListTimeSamplesForPath(s.path)),
+            self._context.stage.GetRootLayer(),
+        )
         tiles: dict[int, int] = {}
         for resolved, name in UsdShade.UdimUtils.ResolveUdimTilePaths(asset.path, layer):
             if _FIRST_TILE <= int(name) <= _LAST_TILE:
