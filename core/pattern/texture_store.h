@@ -18,8 +18,8 @@ namespace encore {
 // wanted tails are made resident, others leave for them, and the batch is evaluated again.
 class TextureStore {
  public:
-  // Keeps a reference to the scene. tiles: what tables of nodes refer to. budget_bytes: of resident levels, up to most_bytes where one
-  // batch needs more.
+  // Keeps a reference to the scene. tiles: what tables of nodes refer to. budget_bytes: of resident levels, up to
+  // most_bytes where one batch needs more.
   TextureStore(Device& device, const Scene& scene, const TextureLayout& layout, std::span<const TextureTile> tiles,
                uint64_t budget_bytes, uint64_t most_bytes);
 

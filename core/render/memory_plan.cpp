@@ -55,9 +55,11 @@ MemoryPlan planMemory(const Settings& settings, const PlanInput& input, uint64_t
       plan.fixed_bytes += blocks * seeds * (kShadingSampleBytes + aspectBytes(settings)) +
                           ReuseKernels::indexBytes(blocks * seeds, layer.search);
     }
-  plan.bytes_per_seed_block = block_seeds * (sizeof(FirstHit) + sizeof(PathVertex) + sizeof(Vec3f) + kPathStateBytes + input.path_state_bytes);
-  const uint64_t per_slot = input.path_state_bytes + sizeof(FirstHit) + 2 * sizeof(PathVertex) + kPathStateBytes + kAaSampleBytes +
-                            aspectBytes(settings) + kFilmSampleBytes + input.layers.size() * sizeof(Vec3f);
+  plan.bytes_per_seed_block =
+      block_seeds * (sizeof(FirstHit) + sizeof(PathVertex) + sizeof(Vec3f) + kPathStateBytes + input.path_state_bytes);
+  const uint64_t per_slot = input.path_state_bytes + sizeof(FirstHit) + 2 * sizeof(PathVertex) + kPathStateBytes +
+                            kAaSampleBytes + aspectBytes(settings) + kFilmSampleBytes +
+                            input.layers.size() * sizeof(Vec3f);
   plan.bytes_per_block =
       slots * per_slot + ReuseKernels::failureBytes(slots) + Film::partialBytes(1, settings.filter_radius_pixels);
 

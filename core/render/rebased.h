@@ -11,7 +11,11 @@ namespace encore {
 class Rebased {
  public:
   explicit Rebased(Scene& scene)
-      : scene_(scene), instances_(scene.instances), lights_(scene.lights), camera_(scene.camera), origin_(scene.origin) {
+      : scene_(scene),
+        instances_(scene.instances),
+        lights_(scene.lights),
+        camera_(scene.camera),
+        origin_(scene.origin) {
     rebase(scene, scene.camera.to_world.origin);
   }
   ~Rebased() {

@@ -16,7 +16,8 @@ class MeshLight {
  public:
   // flipped: the instance is mirrored, so that triangles wind the other way round.
   // Areas for the choice are those of the middle of the shutter.
-  MeshLight(const TraceScene& trace, uint32_t instance, bool flipped, bool moves);  // moves: something does, over the shutter
+  MeshLight(const TraceScene& trace, uint32_t instance, bool flipped,
+            bool moves);  // moves: something does, over the shutter
 
   struct Sample {
     Vec3f position, normal;  // unit, outside

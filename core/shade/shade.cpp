@@ -281,8 +281,7 @@ class Shade {
     const uint64_t rays = std::max<uint64_t>(1, context_.lights.raysPerShade() + context_.settings.light_samples);
     const uint32_t most = uint32_t(std::max<uint64_t>(64, kMostPassingRays / 16 / rays));
     uint32_t i = 0;
-    for (const uint32_t end : ends_)
-      do {
+    for (const uint32_t end : ends_) do {
         i = end - i > most ? i + most : end;
         parts_.push_back(i);
       } while (i < end);

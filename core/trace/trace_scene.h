@@ -101,7 +101,7 @@ class TraceScene {
   // dp/ds and dp/dt of the texture coordinates at the hit, world space, not of unit length; false where they have
   // none (no coordinates, or constant ones).
   bool tangents(const Hit& hit, const SurfacePoint& point, int32_t texcoord_slot, Vec3f& dpds, Vec3f& dpdt) const;
-  Vec3f worldPosition(Vec3f position) const;    // of a point of the scene: Scene::origin added
+  Vec3f worldPosition(Vec3f position) const;   // of a point of the scene: Scene::origin added
   Vec3f objectPosition(const Hit& hit) const;  // in the prototype's space, at the hit's time
   uint32_t linkGroup(const Hit& hit) const;
   // A triangle in world space at a time, and their number, for lights that are made of them. instance, mesh,

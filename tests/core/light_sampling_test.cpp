@@ -164,7 +164,7 @@ TEST(MeshLight, ChoosesTrianglesByItsDensity) {
   test::Stage stage;
   stage.add(test::sphere(3), 0, test::translation({1, 2, 3}) * test::scaling({1, -1, 2}));  // mirrored
   const TraceScene trace(stage.scene, stage.diced);
-  const MeshLight mesh(trace, 0, true);
+  const MeshLight mesh(trace, 0, true, false);
   ASSERT_EQ(mesh.size(), 6u * 9 * 2);
   const Vec3f p{0.5f, 0, 0.2f};
   constexpr uint32_t kCount = 100000;

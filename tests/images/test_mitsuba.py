@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ctypes.util
 import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,12 @@ import pytest
 from rendering import render, save_evidence
 
 SEEDS = 6
+TRIAL = """
+import mitsuba, drjit
+mitsuba.set_variant("llvm_ad_rgb")
+x = drjit.sqrt(drjit.maximum(mitsuba.Float([1, -2, 3]), 0))
+assert float(drjit.sum(x)[0]) > 2
+"""
 LAYERS = ("direct", "reflection", "refraction")
 
 
@@ -24,6 +32,10 @@ def mitsuba() -> Any:
         if not found:
             pytest.skip("Mitsuba's vectorised variants need libLLVM, and there is none")
         os.environ["DRJIT_LIBLLVM_PATH"] = str(found[-1])
+    # Versions of LLVM that it does not know end the process: tried in another one.
+    tried = subprocess.run([sys.executable, "-c", TRIAL], capture_output=True, text=True)
+    if tried.returncode != 0:
+        pytest.skip(f"Mitsuba's vectorised variant does not run here: {tried.stderr.strip()[-200:]}")
     module.set_variant("llvm_ad_rgb")
     return module
 
