@@ -53,11 +53,16 @@ inline void take(nb::dict& d, const char* key, Vec2f& value) {
   take(d, key, pair);
   value = {pair[0], pair[1]};
 }
-template <class E, size_t N>
-void takeName(nb::dict& d, const char* key, E& value, const Names<E, N>& names, const std::string& where) {
-  std::string name = toName(names, value);
-  take(d, key, name);
-  value = fromName(names, name, where + "." + key);
+// Enumerations by their names; where: for messages.
+template <class T>
+void takeField(nb::dict& d, const char* key, T& value, const std::string& where) {
+  if constexpr (std::is_enum_v<T>) {
+    std::string name = toName(namesOf(value), value);
+    take(d, key, name);
+    value = fromName(namesOf(value), name, where + "." + key);
+  } else {
+    take(d, key, value);
+  }
 }
 inline void requireEmpty(const nb::dict& d, const std::string& where) {
   if (d.size() == 0) return;

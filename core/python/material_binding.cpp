@@ -4,6 +4,7 @@
 
 #include "core/python/bindings.h"
 #include "core/python/dictionaries.h"
+#include "core/python/fields.h"
 #include "core/scene/scene.h"
 
 namespace encore::python {
@@ -58,18 +59,8 @@ PatternNode toNode(nb::handle source) {
   nb::dict d = copyOf(source);
   PatternNode node;
   take(d, "path", node.path);
-  takeName(d, "kind", node.kind, kNodeKinds, node.path);
-  take(d, "texture", node.texture);
-  take(d, "udim", node.udim);
-  take(d, "texcoord", node.texcoord);
-  take(d, "texcoord_fallback", node.texcoord_fallback);
-  take(d, "st_transform", node.st_transform);
-  takeName(d, "wrap_s", node.wrap_s, kWrapModes, node.path);
-  takeName(d, "wrap_t", node.wrap_t, kWrapModes, node.path);
-  take(d, "scale", node.scale);
-  take(d, "bias", node.bias);
-  take(d, "fallback", node.fallback);
-  take(d, "primvar", node.primvar);
+  takeField(d, "kind", node.kind, node.path);
+  forEachNodeField(node, [&](const char* key, auto& field) { takeField(d, key, field, node.path); });
   requireEmpty(d, node.path);
   return node;
 }
@@ -140,17 +131,7 @@ size_t addMaterial(Scene& scene, std::string path, const nb::dict& inputs, const
   material.displacement_shader = toShader(displacement_shader);
   for (nb::handle node : nodes) material.nodes.push_back(toNode(node));
   nb::dict d = copyOf(inputs);
-  takeInput(d, "diffuse_color", material.diffuse_color);
-  takeInput(d, "emissive_color", material.emissive_color);
-  takeInput(d, "specular_color", material.specular_color);
-  takeInput(d, "metallic", material.metallic);
-  takeInput(d, "roughness", material.roughness);
-  takeInput(d, "clearcoat", material.clearcoat);
-  takeInput(d, "clearcoat_roughness", material.clearcoat_roughness);
-  takeInput(d, "opacity", material.opacity);
-  takeInput(d, "ior", material.ior);
-  takeInput(d, "normal", material.normal);
-  takeInput(d, "displacement", material.displacement);
+  forEachMaterialInput(material, [&](const char* key, auto& input) { takeInput(d, key, input); });
   requireEmpty(d, material.path);
   scene.materials.push_back(std::move(material));
   return scene.materials.size() - 1;

@@ -83,6 +83,19 @@ inline constexpr Names<ErrorKind, 6> kErrorKinds{{{"scene", ErrorKind::Scene},
                                                   {"cancelled", ErrorKind::Cancelled},
                                                   {"internal", ErrorKind::Internal}}};
 
+// The names of an enumeration that settings and dictionaries hold.
+constexpr const auto& namesOf(PatternNode::Kind) { return kNodeKinds; }
+constexpr const auto& namesOf(OpacityMode) { return kOpacityModes; }
+constexpr const auto& namesOf(DomeFormat) { return kDomeFormats; }
+constexpr const auto& namesOf(Camera::Projection) { return kProjections; }
+constexpr const auto& namesOf(GlassShadows) { return kGlassShadows; }
+constexpr const auto& namesOf(WrapMode) { return kWrapModes; }
+constexpr const auto& namesOf(Light::Kind) { return kLightKinds; }
+constexpr const auto& namesOf(Method) { return kMethods; }
+constexpr const auto& namesOf(Search) { return kSearches; }
+constexpr const auto& namesOf(FootprintReuse) { return kFootprintReuses; }
+constexpr const auto& namesOf(FilterKind) { return kFilters; }
+
 // The value called `name`. Throws Error(error_kind) at `where` that lists the names there are.
 template <class E, size_t N>
 E fromName(const Names<E, N>& names, std::string_view name, const std::string& where,

@@ -32,6 +32,12 @@ nb::dict readInfo(const DeviceInfo& info) {
 
 // Reads the value of one settings key into the field. Throws Error(Setting).
 template <class T>
+  requires std::is_enum_v<T>
+void convert(const std::string& key, nb::handle value, T& field) {
+  field = fromName(namesOf(field), nb::cast<std::string>(nb::str(value)), key, ErrorKind::Setting);
+}
+template <class T>
+  requires(!std::is_enum_v<T>)
 void convert(const std::string& key, nb::handle value, T& field) {
   bool valid = true;
   if constexpr (std::is_same_v<T, bool>)
@@ -46,21 +52,6 @@ void convert(const std::string& key, nb::handle value, T& field) {
     throw Error(ErrorKind::Setting, "value " + nb::cast<std::string>(nb::repr(value)) + " cannot be used", key,
                 std::string("Give ") + expected);
   }
-}
-void convert(const std::string& key, nb::handle value, Method& field) {
-  field = fromName(kMethods, nb::cast<std::string>(nb::str(value)), key, ErrorKind::Setting);
-}
-void convert(const std::string& key, nb::handle value, Search& field) {
-  field = fromName(kSearches, nb::cast<std::string>(nb::str(value)), key, ErrorKind::Setting);
-}
-void convert(const std::string& key, nb::handle value, FootprintReuse& field) {
-  field = fromName(kFootprintReuses, nb::cast<std::string>(nb::str(value)), key, ErrorKind::Setting);
-}
-void convert(const std::string& key, nb::handle value, GlassShadows& field) {
-  field = fromName(kGlassShadows, nb::cast<std::string>(nb::str(value)), key, ErrorKind::Setting);
-}
-void convert(const std::string& key, nb::handle value, FilterKind& field) {
-  field = fromName(kFilters, nb::cast<std::string>(nb::str(value)), key, ErrorKind::Setting);
 }
 
 // Calls visit(name, field) for every field of the settings.
@@ -122,17 +113,8 @@ Settings toSettings(const nb::dict& given) {
 nb::dict readSettings(const Settings& settings) {
   nb::dict d;
   forEachField(settings, [&](const char* name, const auto& field) {
-    using T = std::decay_t<decltype(field)>;
-    if constexpr (std::is_same_v<T, Method>)
-      d[name] = toName(kMethods, field);
-    else if constexpr (std::is_same_v<T, FilterKind>)
-      d[name] = toName(kFilters, field);
-    else if constexpr (std::is_same_v<T, GlassShadows>)
-      d[name] = toName(kGlassShadows, field);
-    else if constexpr (std::is_same_v<T, Search>)
-      d[name] = toName(kSearches, field);
-    else if constexpr (std::is_same_v<T, FootprintReuse>)
-      d[name] = toName(kFootprintReuses, field);
+    if constexpr (std::is_enum_v<std::decay_t<decltype(field)>>)
+      d[name] = toName(namesOf(field), field);
     else
       d[name] = field;
   });

@@ -1,6 +1,7 @@
 #include "core/python/scene_reading.h"
 
 #include "core/python/arrays.h"
+#include "core/python/fields.h"
 #include "core/python/names.h"
 
 namespace encore::python {
@@ -11,6 +12,21 @@ nb::object triple(Vec3<T> v) {
   return nb::make_tuple(v.x, v.y, v.z);
 }
 nb::object pair(Vec2f v) { return nb::make_tuple(v.x, v.y); }
+
+// A field as Python sees it: vectors as tuples, enumerations by name.
+template <class T>
+nb::object readField(const T& field) {
+  if constexpr (std::is_enum_v<T>)
+    return nb::cast(toName(namesOf(field), field));
+  else if constexpr (std::is_same_v<T, Vec3f> || std::is_same_v<T, Vec3d>)
+    return triple(field);
+  else if constexpr (std::is_same_v<T, Vec2f>)
+    return pair(field);
+  else if constexpr (std::is_same_v<T, std::vector<uint8_t>>)
+    return nb::cast(std::vector<int>(field.begin(), field.end()));
+  else
+    return nb::cast(field);
+}
 
 // USD's row-vector convention, (4, 4).
 nb::object matrix(const Affine3d& m) {
@@ -80,17 +96,7 @@ nb::dict readNode(const PatternNode& node) {
   nb::dict d;
   d["kind"] = toName(kNodeKinds, node.kind);
   d["path"] = node.path;
-  d["texture"] = node.texture;
-  d["udim"] = node.udim;
-  d["texcoord"] = node.texcoord;
-  d["texcoord_fallback"] = node.texcoord_fallback;
-  d["st_transform"] = node.st_transform;
-  d["wrap_s"] = toName(kWrapModes, node.wrap_s);
-  d["wrap_t"] = toName(kWrapModes, node.wrap_t);
-  d["scale"] = node.scale;
-  d["bias"] = node.bias;
-  d["fallback"] = node.fallback;
-  d["primvar"] = node.primvar;
+  forEachNodeField(node, [&](const char* key, const auto& field) { d[key] = readField(field); });
   return d;
 }
 
@@ -159,17 +165,7 @@ nb::dict readTexture(const Texture& texture) {
 
 nb::dict readMaterial(const Material& material) {
   nb::dict d, inputs;
-  inputs["diffuse_color"] = readInput(material.diffuse_color);
-  inputs["emissive_color"] = readInput(material.emissive_color);
-  inputs["specular_color"] = readInput(material.specular_color);
-  inputs["metallic"] = readInput(material.metallic);
-  inputs["roughness"] = readInput(material.roughness);
-  inputs["clearcoat"] = readInput(material.clearcoat);
-  inputs["clearcoat_roughness"] = readInput(material.clearcoat_roughness);
-  inputs["opacity"] = readInput(material.opacity);
-  inputs["ior"] = readInput(material.ior);
-  inputs["normal"] = readInput(material.normal);
-  inputs["displacement"] = readInput(material.displacement);
+  forEachMaterialInput(material, [&](const char* key, const auto& input) { inputs[key] = readInput(input); });
   nb::list nodes;
   for (const PatternNode& node : material.nodes) nodes.append(readNode(node));
   d["path"] = material.path;
@@ -189,34 +185,7 @@ nb::dict readLight(const Light& light) {
   d["kind"] = toName(kLightKinds, light.kind);
   d["path"] = light.path;
   d["radiance"] = triple(light.radiance);
-  d["diffuse"] = light.diffuse;
-  d["specular"] = light.specular;
-  d["direction"] = triple(light.direction);
-  d["angle_radians"] = light.angle_radians;
-  d["centre"] = triple(light.centre);
-  d["half_u"] = triple(light.half_u);
-  d["half_v"] = triple(light.half_v);
-  d["radius"] = light.radius;
-  d["samples"] = light.samples;
-  d["instance"] = light.instance;
-  d["texture"] = light.texture;
-  d["format"] = toName(kDomeFormats, light.format);
-  d["axis_x"] = triple(light.axis_x);
-  d["axis_y"] = triple(light.axis_y);
-  d["axis_z"] = triple(light.axis_z);
-  d["shaped"] = light.shaped;
-  d["shaping_axis"] = triple(light.shaping_axis);
-  d["focus"] = light.focus;
-  d["focus_tint"] = triple(light.focus_tint);
-  d["cone_angle_radians"] = light.cone_angle_radians;
-  d["cone_softness"] = light.cone_softness;
-  d["shadow_enable"] = light.shadow_enable;
-  d["shadow_color"] = triple(light.shadow_color);
-  d["shadow_distance"] = light.shadow_distance;
-  d["shadow_falloff"] = light.shadow_falloff;
-  d["shadow_falloff_gamma"] = light.shadow_falloff_gamma;
-  d["lit_groups"] = std::vector<int>(light.lit_groups.begin(), light.lit_groups.end());
-  d["shadow_groups"] = std::vector<int>(light.shadow_groups.begin(), light.shadow_groups.end());
+  forEachLightField(light, [&](const char* key, const auto& field) { d[key] = readField(field); });
   return d;
 }
 
@@ -225,20 +194,12 @@ nb::dict readCamera(const Camera& camera) {
   d["path"] = camera.path;
   d["to_world"] = matrix(camera.to_world);
   d["half_tangent"] = pair(camera.half_tangent);
-  d["centre_tangent"] = pair(camera.centre_tangent);
-  d["near_clip"] = camera.near_clip;
-  d["far_clip"] = camera.far_clip;
-  d["projection"] = toName(kProjections, camera.projection);
+  forEachCameraField(camera, [&](const char* key, const auto& field) { d[key] = readField(field); });
   d["motion"] = matrices(camera.motion);
   nb::list planes;
   for (const ClippingPlane& plane : camera.clipping_planes)
     planes.append(nb::make_tuple(plane.normal.x, plane.normal.y, plane.normal.z, plane.offset));
   d["clipping_planes"] = planes;
-  d["lens_radius"] = camera.lens_radius;
-  d["focus_distance"] = camera.focus_distance;
-  d["aperture_blades"] = camera.aperture_blades;
-  d["aperture_rotation_radians"] = camera.aperture_rotation_radians;
-  d["exposure_scale"] = camera.exposure_scale;
   return d;
 }
 

@@ -7,6 +7,8 @@
 #include <atomic>
 #include <cmath>
 
+#include "core/path/footprint.h"
+
 namespace encore {
 namespace {
 
@@ -25,7 +27,7 @@ LayerSearch::LayerSearch(const Scene& scene, const Settings& settings, const Tra
 // seen by way of other surfaces does not, but many queries pay for lists.
 Search LayerSearch::kindOf(Layer layer) const {
   if (settings_.search != Search::Auto) return settings_.search;
-  if (settings_.footprint_reuse == FootprintReuse::Metric || needsAspects()) return Search::Tree;
+  if (settings_.footprint_reuse == FootprintReuse::Metric || needsAspect(settings_)) return Search::Tree;
   const uint32_t samples_per_pixel = settings_.samples * settings_.samples;
   if (layer == Layer::Direct) return samples_per_pixel >= kSamplesWorthGroups ? Search::Groups : Search::Tree;
   return float(samples_per_pixel) >= kQueriesWorthLists * rates_.frame(layer) ? Search::Cells : Search::Tree;
@@ -34,9 +36,6 @@ Search LayerSearch::kindOf(Layer layer) const {
 bool LayerSearch::needsFootprints() const {
   return settings_.method == Method::Reuse &&
          (settings_.footprint_reuse == FootprintReuse::Metric || settings_.max_reuse_distance > 0);
-}
-bool LayerSearch::needsAspects() const {
-  return settings_.method == Method::Reuse && (settings_.reuse_time_weight > 0 || settings_.reuse_direction_weight > 0);
 }
 bool LayerSearch::needsCells() const {
   return settings_.method == Method::Decoupled || settings_.method == Method::DecoupledPixel;

@@ -38,7 +38,6 @@ class LayerSearch {
   Search kindOf(Layer layer) const;
   // What the samples have to come with.
   bool needsFootprints() const;  // AaSamples::footprint
-  bool needsAspects() const;     // AaSamples::aspect and ShadingSamples::aspect
   bool needsCells() const;       // AaSamples::cell: decoupled sampling
   bool needsFirstHits() const;   // BatchHits::first in the direct layer
 

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "core/film/film.h"
+#include "core/path/footprint.h"
 #include "core/path/path.h"
 #include "core/render/samples.h"
 #include "core/reuse/reuse.h"
@@ -29,9 +30,7 @@ constexpr uint64_t kFilmSampleBytes = sizeof(uint32_t) + sizeof(float) + sizeof(
 constexpr uint64_t kShadingSampleBytes = sizeof(SurfaceKey) + sizeof(Vec2f) + sizeof(Vec3f) + sizeof(float);
 
 // Of the further coordinates of the reuse distance, where they are part of it.
-uint64_t aspectBytes(const Settings& settings) {
-  return settings.reuse_time_weight > 0 || settings.reuse_direction_weight > 0 ? sizeof(Vec4f) : 0;
-}
+uint64_t aspectBytes(const Settings& settings) { return needsAspect(settings) ? sizeof(Vec4f) : 0; }
 
 std::string mebibytes(uint64_t bytes) { return std::to_string((bytes + (1u << 20) - 1) >> 20) + " MiB"; }
 

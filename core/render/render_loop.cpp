@@ -144,7 +144,7 @@ class FrameRenderer {
     aa_.throughput.reserve(device_, slots, "aa throughput");
     aa_.shade.reserve(device_, slots, "aa shade");
     if (search_->needsFootprints()) aa_.footprint.reserve(device_, slots, "aa footprint");
-    if (search_->needsAspects()) aa_.aspect.reserve(device_, slots, "aa aspect");
+    if (needsAspect(settings_)) aa_.aspect.reserve(device_, slots, "aa aspect");
     if (search_->needsCells()) aa_.cell.reserve(device_, slots, "aa cell");
     film_samples_.position.reserve(device_, slots, "film position");
     film_samples_.coverage.reserve(device_, slots, "film coverage");

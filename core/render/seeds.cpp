@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "core/path/footprint.h"
+
 namespace encore {
 
 Seeds::Seeds(const ShadeContext& context, const CameraRays& camera, const ShadingRates& rates, Device& device,
@@ -47,8 +49,7 @@ void Seeds::reserve(LayerShading& shading, size_t seeds, size_t failures) const 
   samples.uv.reserve(device_, seeds, "seed uv");
   if (context_.settings.footprint_reuse == FootprintReuse::Metric)
     samples.footprint.reserve(device_, seeds, "seed footprint");
-  if (context_.settings.reuse_time_weight > 0 || context_.settings.reuse_direction_weight > 0)
-    samples.aspect.reserve(device_, seeds, "seed aspect");
+  if (needsAspect(context_.settings)) samples.aspect.reserve(device_, seeds, "seed aspect");
   shading.radiance.reserve(device_, seeds + failures, "radiance");
 }
 

@@ -3,9 +3,10 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <limits>
+
+#include "core/pattern/texture_pyramid.h"
 
 namespace encore {
 namespace {
@@ -14,14 +15,6 @@ constexpr uint32_t kMostRows = 2048;
 constexpr double kPiDouble = 3.14159265358979323846;
 // No pixel is brighter: sums and products with radiances stay finite.
 constexpr float kBrightest = 1e18f;
-
-// IEEE 754 binary16.
-float halfToFloat(uint16_t h) {
-  const uint32_t sign = uint32_t(h & 0x8000u) << 16, exponent = (h >> 10) & 31u, mantissa = h & 0x3ffu;
-  if (exponent == 31) return std::bit_cast<float>(sign | 0x7f800000u | mantissa << 13);
-  if (exponent == 0) return std::copysign(float(mantissa) * 0x1p-24f, sign ? -1.0f : 1.0f);
-  return std::bit_cast<float>(sign | (exponent + 112) << 23 | mantissa << 13);
-}
 
 float emitted(float x) { return x > 0 && std::isfinite(x) ? std::min(x, kBrightest) : 0; }
 
@@ -101,7 +94,7 @@ void LightImage::decode(const Texture& texture) {
     std::vector<uint16_t> halves(count * 4);
     texture.source->read(halves);
     for (size_t i = 0; i < count; ++i)
-      for (size_t k = 0; k < 3; ++k) pixels_[3 * i + k] = emitted(halfToFloat(halves[4 * i + k]));
+      for (size_t k = 0; k < 3; ++k) pixels_[3 * i + k] = emitted(fromHalf(halves[4 * i + k]));
   }
 }
 

@@ -5,6 +5,18 @@
 
 namespace encore {
 
+namespace {
+
+// Of the set called `name`, where it has values; else -1.
+template <class T>
+int32_t slotOf(const std::vector<Primvar<T>>& sets, const std::vector<std::vector<T>>& diced, const std::string& name) {
+  for (size_t i = 0; i < sets.size(); ++i)
+    if (sets[i].name == name) return i < diced.size() && !diced[i].empty() ? int32_t(i) : -1;
+  return -1;
+}
+
+}  // namespace
+
 TexcoordPoint TraceScene::texcoord(const Hit& hit, const SurfacePoint& point, int32_t slot, Vec3f dpdx,
                                    Vec3f dpdy) const {
   if (slot < 0) return {};
@@ -18,11 +30,7 @@ TexcoordPoint TraceScene::texcoord(const Hit& hit, const SurfacePoint& point, in
 
 int32_t TraceScene::texcoordSlot(const Hit& hit, const std::string& name) const {
   const TracedMesh& mesh = impl_->meshOf(hit);
-  const auto& sets = mesh.mesh->texcoords;
-  for (size_t i = 0; i < sets.size(); ++i)
-    if (sets[i].name == name)
-      return i < mesh.diced->texcoords.size() && !mesh.diced->texcoords[i].empty() ? int32_t(i) : -1;
-  return -1;
+  return slotOf(mesh.mesh->texcoords, mesh.diced->texcoords, name);
 }
 
 Vec3f TraceScene::displayColor(const Hit& hit) const {
@@ -33,11 +41,7 @@ Vec3f TraceScene::displayColor(const Hit& hit) const {
 
 int32_t TraceScene::primvarSlot(const Hit& hit, const std::string& name) const {
   const TracedMesh& mesh = impl_->meshOf(hit);
-  const auto& sets = mesh.mesh->primvars;
-  for (size_t i = 0; i < sets.size(); ++i)
-    if (sets[i].name == name)
-      return i < mesh.diced->primvars.size() && !mesh.diced->primvars[i].empty() ? int32_t(i) : -1;
-  return -1;
+  return slotOf(mesh.mesh->primvars, mesh.diced->primvars, name);
 }
 
 Vec4f TraceScene::primvar(const Hit& hit, int32_t slot) const {

@@ -7,6 +7,7 @@
 #include "core/trace/trace_scene.h"
 #include "core/trace/traced_triangle.h"
 #include "moving_shapes.h"
+#include "packet_agreement.h"
 
 namespace encore {
 namespace {
@@ -16,10 +17,9 @@ using test::intersect;
 using test::movingStage;
 using test::placedAt;
 using test::randomTimedRays;
+using test::same;
 using test::Stage;
 using test::Stream;
-
-bool same(const Hit& a, const Hit& b) { return std::memcmp(&a, &b, sizeof(Hit)) == 0; }
 
 // The twin: every triangle of every instance at the ray's time, in double precision, in world space.
 struct TwinHit {
@@ -340,10 +340,9 @@ TEST(MotionPackets, AgreeWithSingleRaysAndSurfaces) {
       const Vec3f origin{3, -4, 2};
       PacketTracer tracer(trace, origin, own_origins);
       Stream stream(8);
-      uint32_t hit_count = 0, missed = 0;
+      test::PacketCounts counts;
       for (uint32_t round = 0; round < 200; ++round) {
         const uint32_t count = round % kPacketWidth + 1;
-        RayPacket packet{};
         std::vector<Ray> rays(count);
         for (uint32_t i = 0; i < count; ++i) {
           Ray& ray = rays[i];
@@ -355,37 +354,11 @@ TEST(MotionPackets, AgreeWithSingleRaysAndSurfaces) {
           if (moving && round == 23 && i == 5) ray.time = std::numeric_limits<float>::quiet_NaN();
           if (round == 20 && i == 3) ray.direction.y = std::numeric_limits<float>::quiet_NaN();
           if (round == 21 && i == 4) ray.tnear = 9, ray.tfar = 8;
-          packet.ox[i] = ray.origin.x, packet.oy[i] = ray.origin.y, packet.oz[i] = ray.origin.z;
-          packet.time[i] = ray.time;
-          packet.dx[i] = ray.direction.x, packet.dy[i] = ray.direction.y, packet.dz[i] = ray.direction.z;
-          packet.tnear[i] = ray.tnear, packet.tfar[i] = ray.tfar;
         }
-        const std::vector<Hit> expected = intersect(trace, rays, Coherence::Coherent);
-        HitPacket hits;
-        SurfacePacket points;
-        tracer.intersect(packet, count, hits);
-        tracer.surface(packet, hits, points);
-        for (uint32_t i = 0; i < kPacketWidth; ++i) {
-          const Hit hit = hits.hit(i);
-          ASSERT_TRUE(same(hit, i < count ? expected[i] : Hit{})) << round << " " << i;
-          if (!hit.valid()) {
-            EXPECT_EQ((Vec3f{points.nx[i], points.ny[i], points.nz[i]}), Vec3f{});
-            ++missed;
-            continue;
-          }
-          ++hit_count;
-          const SurfacePoint point = trace.surface(hit, rays[i].direction);
-          EXPECT_EQ(points.primitive_side[i], point.key(0).primitive_side);
-          EXPECT_EQ((Vec2f{points.u[i], points.v[i]}), point.uv);
-          EXPECT_EQ((Vec3f{points.nx[i], points.ny[i], points.nz[i]}), point.side ? -point.ns : point.ns);
-          EXPECT_EQ(points.material[i], point.material);
-          EXPECT_EQ(tracer.geometricNormal(packet, hits, i), point.ng);
-          const Vec3f dpdx = point.e1 * 0.1f, dpdy = point.e2 * 0.2f + point.ng;
-          EXPECT_EQ(tracer.gradients(hits, i).footprint(dpdx, dpdy), trace.parametricFootprint(hit, point, dpdx, dpdy));
-        }
+        test::expectAgreement(trace, tracer, rays, round, counts);
       }
-      EXPECT_GT(hit_count, 200u);
-      EXPECT_GT(missed, 200u);
+      EXPECT_GT(counts.hit, 200u);
+      EXPECT_GT(counts.missed, 200u);
     }
 }
 

@@ -7,6 +7,7 @@
 #include "core/scene/error.h"
 #include "core/trace/packets.h"
 #include "core/trace/trace_scene.h"
+#include "packet_agreement.h"
 #include "shapes.h"
 
 namespace encore {
@@ -16,6 +17,7 @@ using test::intersect;
 using test::placed;
 using test::randomRays;
 using test::randomStage;
+using test::same;
 using test::Stage;
 using test::Stream;
 
@@ -60,8 +62,6 @@ TwinHit bruteForce(const Stage& stage, const Ray& ray) {
   }
   return best;
 }
-
-bool same(const Hit& a, const Hit& b) { return std::memcmp(&a, &b, sizeof(Hit)) == 0; }
 
 TEST(Trace, AgreesWithBruteForce) {
   uint32_t compared = 0, hit_count = 0;
@@ -288,10 +288,9 @@ TEST(Packets, AgreeWithSingleRaysAndSurfaces) {
     const FlushDenormals flush;
     PacketTracer tracer(trace, origin);
     Stream stream(8);
-    uint32_t hit_count = 0;
+    test::PacketCounts counts;
     for (uint32_t round = 0; round < 100; ++round) {
       const uint32_t count = round % kPacketWidth + 1;
-      RayPacket packet{};
       std::vector<Ray> rays(count);
       for (uint32_t i = 0; i < count; ++i) {
         Ray& ray = rays[i];
@@ -299,33 +298,10 @@ TEST(Packets, AgreeWithSingleRaysAndSurfaces) {
         ray.tfar = stream.next() < 0.2f ? 4 : 1e20f;
         if (round == 20 && i == 3) ray.direction.y = std::numeric_limits<float>::quiet_NaN();
         if (round == 21 && i == 4) ray.tnear = 9, ray.tfar = 8;
-        packet.dx[i] = ray.direction.x, packet.dy[i] = ray.direction.y, packet.dz[i] = ray.direction.z;
-        packet.tnear[i] = ray.tnear, packet.tfar[i] = ray.tfar;
       }
-      const std::vector<Hit> expected = intersect(trace, rays, Coherence::Coherent);
-      HitPacket hits;
-      SurfacePacket points;
-      tracer.intersect(packet, count, hits);
-      tracer.surface(packet, hits, points);
-      for (uint32_t i = 0; i < kPacketWidth; ++i) {
-        const Hit hit = hits.hit(i);
-        EXPECT_TRUE(same(hit, i < count ? expected[i] : Hit{})) << round << " " << i;
-        if (!hit.valid()) {
-          EXPECT_EQ((Vec3f{points.nx[i], points.ny[i], points.nz[i]}), Vec3f{});
-          continue;
-        }
-        ++hit_count;
-        const SurfacePoint point = trace.surface(hit, rays[i].direction);
-        EXPECT_EQ(points.primitive_side[i], point.key(0).primitive_side);
-        EXPECT_EQ((Vec2f{points.u[i], points.v[i]}), point.uv);
-        EXPECT_EQ((Vec3f{points.nx[i], points.ny[i], points.nz[i]}), point.side ? -point.ns : point.ns);
-        EXPECT_EQ(points.material[i], point.material);
-        EXPECT_EQ(tracer.geometricNormal(packet, hits, i), point.ng);
-        const Vec3f dpdx = point.e1 * 0.1f, dpdy = point.e2 * 0.2f + point.ng;
-        EXPECT_EQ(tracer.gradients(hits, i).footprint(dpdx, dpdy), trace.parametricFootprint(hit, point, dpdx, dpdy));
-      }
+      test::expectAgreement(trace, tracer, rays, round, counts);
     }
-    EXPECT_EQ(hit_count > 100, origin.x < 1e18f);
+    EXPECT_EQ(counts.hit > 100, origin.x < 1e18f);
   }
 }
 
