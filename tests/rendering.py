@@ -113,6 +113,47 @@ def add_material(stage: Usd.Stage, name: str, **inputs: Any) -> UsdShade.Materia
     return material
 
 
+def surface(material: UsdShade.Material) -> UsdShade.Shader:
+    """The shader of add_material()."""
+    stage = material.GetPrim().GetStage()
+    return UsdShade.Shader(stage.GetPrimAtPath(material.GetPath().AppendChild("Surface")))
+
+
+def add_image(
+    material: UsdShade.Material, name: str, file: str, primvar: str = "st", **inputs: Any
+) -> UsdShade.Shader:
+    """A UsdUVTexture that repeats, of raw values. inputs: of four floats."""
+    stage, path = material.GetPrim().GetStage(), material.GetPath()
+    reader = UsdShade.Shader.Define(stage, path.AppendChild(f"{name}Reader"))
+    reader.CreateIdAttr("UsdPrimvarReader_float2")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(primvar)
+    image = UsdShade.Shader.Define(stage, path.AppendChild(name))
+    image.CreateIdAttr("UsdUVTexture")
+    image.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(file)
+    image.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("raw")
+    for key in ("wrapS", "wrapT"):
+        image.CreateInput(key, Sdf.ValueTypeNames.Token).Set("repeat")
+    for key, value in inputs.items():
+        image.CreateInput(key, Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*value))
+    st = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+    image.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(st)
+    return image
+
+
+def connect(material: UsdShade.Material, name: str, source: UsdShade.Shader, output: str, kind: Any) -> None:
+    """Connects an input of the material's surface to an output."""
+    surface(material).CreateInput(name, kind).ConnectToSource(source.CreateOutput(output, kind))
+
+
+def add_texcoords(mesh: UsdGeom.Mesh, st: Any, name: str = "st") -> UsdGeom.Primvar:
+    """st: a pair per point."""
+    primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+        name, Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex
+    )
+    primvar.Set([Gf.Vec2f(*map(float, pair)) for pair in st])
+    return primvar
+
+
 def bind(prim: Any, material: UsdShade.Material) -> None:
     UsdShade.MaterialBindingAPI.Apply(prim.GetPrim()).Bind(material)
 
@@ -245,12 +286,18 @@ def rmse(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.sqrt(np.mean((a.astype(float) - b.astype(float)) ** 2)))
 
 
+def write_exr(path: Path, pixels: np.ndarray) -> str:
+    """(height, width, 3) or (height, width); the file's name."""
+    values = np.ascontiguousarray(pixels, np.float32)
+    channels = {"RGB": values} if values.ndim == 3 else {"Y": values}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, channels).write(str(path))
+    return str(path)
+
+
 def save_evidence(name: str, **images: np.ndarray) -> Path:
     """Writes float images of a failed test beside each other as EXR; returns the folder."""
     folder = EVIDENCE / name
     folder.mkdir(parents=True, exist_ok=True)
     for key, image in images.items():
-        pixels = np.ascontiguousarray(image, np.float32)
-        channels = {"RGB": pixels} if pixels.ndim == 3 else {"Y": pixels}
-        OpenEXR.File({"type": OpenEXR.scanlineimage}, channels).write(str(folder / f"{key}.exr"))
+        write_exr(folder / f"{key}.exr", image)
     return folder

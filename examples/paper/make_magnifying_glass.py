@@ -17,6 +17,7 @@ from parts import (
     Polygons,
     add_camera,
     add_dome,
+    add_image,
     add_material,
     add_mesh,
     add_softbox,
@@ -30,7 +31,7 @@ from parts import (
     run,
     write_png,
 )
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, Vt
+from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 # All lengths in centimetres. The page stands in the plane z = 0, the camera looks along -z.
 PAGE = (44.0, 28.0)
@@ -144,26 +145,10 @@ def add_spiky_sphere(stage: Usd.Stage, texture: str, divisions: int) -> None:
     mesh, st = cube_sphere(2.6, divisions)
     prim = add_mesh(stage, "/World/Spikes", mesh.moved((11.2, -5.6, 6.5), 1.0, 25.0), smooth=False)
     prim.CreateSubdivisionSchemeAttr("catmullClark")
-    primvar = UsdGeom.PrimvarsAPI(prim).CreatePrimvar(
-        "st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.faceVarying
-    )
-    primvar.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(st, np.float32)))
+    add_texture_coordinates(prim, st, UsdGeom.Tokens.faceVarying)
     look = add_material(stage, "Orange", diffuseColor=(0.9, 0.33, 0.04), roughness=0.45)
-    path = look.GetPath()
-    reader = UsdShade.Shader.Define(stage, path.AppendChild("St"))
-    reader.CreateIdAttr("UsdPrimvarReader_float2")
-    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
-    image = UsdShade.Shader.Define(stage, path.AppendChild("Height"))
-    image.CreateIdAttr("UsdUVTexture")
-    image.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(texture)
-    image.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("raw")
-    for wrap in ("wrapS", "wrapT"):
-        image.CreateInput(wrap, Sdf.ValueTypeNames.Token).Set("clamp")
-    image.CreateInput("scale", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(1.5, 1.5, 1.5, 1))
-    image.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(
-        reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
-    )
-    surface = UsdShade.Shader(stage.GetPrimAtPath(path.AppendChild("Surface")))
+    image = add_image(stage, look, "Height", texture, color_space="raw", wrap="clamp", scale=1.5)
+    surface = UsdShade.Shader(stage.GetPrimAtPath(look.GetPath().AppendChild("Surface")))
     surface.CreateInput("displacement", Sdf.ValueTypeNames.Float).ConnectToSource(
         image.CreateOutput("r", Sdf.ValueTypeNames.Float)
     )

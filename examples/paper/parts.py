@@ -297,11 +297,9 @@ def add_mesh(
     return prim
 
 
-def add_texture_coordinates(mesh: UsdGeom.Mesh, st: ArrayLike) -> None:
-    """st: one pair per point."""
-    primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
-        "st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex
-    )
+def add_texture_coordinates(mesh: UsdGeom.Mesh, st: ArrayLike, interpolation: str = "vertex") -> None:
+    """st: one pair per point, or per face corner where interpolation is faceVarying."""
+    primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, interpolation)
     primvar.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(st, np.float32)))
 
 
@@ -316,23 +314,41 @@ def add_material(
         kind = Sdf.ValueTypeNames.Color3f if isinstance(value, tuple) else Sdf.ValueTypeNames.Float
         surface.CreateInput(key, kind).Set(value)
     if texture:
-        reader = UsdShade.Shader.Define(stage, result.GetPath().AppendChild("St"))
-        reader.CreateIdAttr("UsdPrimvarReader_float2")
-        reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
-        image = UsdShade.Shader.Define(stage, result.GetPath().AppendChild("Image"))
-        image.CreateIdAttr("UsdUVTexture")
-        image.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(texture)
-        image.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("sRGB")
-        for wrap in ("wrapS", "wrapT"):
-            image.CreateInput(wrap, Sdf.ValueTypeNames.Token).Set("repeat")
-        image.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(
-            reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
-        )
+        image = add_image(stage, result, "Image", texture, color_space="sRGB", wrap="repeat")
         surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).ConnectToSource(
             image.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
         )
     result.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", Sdf.ValueTypeNames.Token))
     return result
+
+
+def add_image(
+    stage: Usd.Stage,
+    material: UsdShade.Material,
+    name: str,
+    file: str,
+    *,
+    color_space: str,
+    wrap: str,
+    scale: float = 1.0,
+) -> UsdShade.Shader:
+    """A UsdUVTexture of a material, by the primvar st."""
+    path = material.GetPath()
+    reader = UsdShade.Shader.Define(stage, path.AppendChild("St"))
+    reader.CreateIdAttr("UsdPrimvarReader_float2")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
+    image = UsdShade.Shader.Define(stage, path.AppendChild(name))
+    image.CreateIdAttr("UsdUVTexture")
+    image.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(file)
+    image.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set(color_space)
+    for direction in ("wrapS", "wrapT"):
+        image.CreateInput(direction, Sdf.ValueTypeNames.Token).Set(wrap)
+    if scale != 1:
+        image.CreateInput("scale", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(scale, scale, scale, 1))
+    image.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(
+        reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+    )
+    return image
 
 
 def looking_at(eye: Vector, target: Vector) -> Gf.Matrix4d:

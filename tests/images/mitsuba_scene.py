@@ -10,9 +10,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
-from rendering import CUBE, CUBE_FACES, add_camera, add_material, add_mesh, new_stage
+from pxr import Sdf, Usd, UsdLux, UsdShade
+from rendering import (
+    CUBE,
+    CUBE_FACES,
+    add_camera,
+    add_image,
+    add_material,
+    add_mesh,
+    add_texcoords,
+    connect,
+    new_stage,
+    write_exr,
+)
 
 WIDTH, HEIGHT = 64, 48
 EYE, TARGET, HALF_TANGENT = (0.6, 1.7, 4.2), (0.0, 0.55, 0.0), 0.42
@@ -37,10 +47,6 @@ def tiles() -> np.ndarray:
     y, x = (np.mgrid[0:64, 0:64] + 0.5) / 64
     wave = 0.5 + 0.5 * np.sin(2 * np.pi * x) * np.sin(2 * np.pi * y)
     return (wave[..., None] * (0.7, 0.65, 0.5) + (1 - wave[..., None]) * (0.1, 0.15, 0.3)).astype(np.float32)
-
-
-def write_exr(path: Path, pixels: np.ndarray) -> None:
-    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": pixels}).write(str(path))
 
 
 def ball(radius: float, centre: tuple[float, float, float]) -> tuple[np.ndarray, list[list[int]]]:
@@ -85,10 +91,7 @@ def usd_stage(folder: Path) -> Usd.Stage:
     for name, look in (("Copper", copper), ("Glass", glass)):
         add_mesh(stage, f"/World/{name}", *OBJECTS[name], look)
     floor = add_mesh(stage, "/World/Floor", *FLOOR, _textured(stage, str(folder / "tiles.exr")))
-    primvar = UsdGeom.PrimvarsAPI(floor).CreatePrimvar(
-        "st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex
-    )
-    primvar.Set([Gf.Vec2f(*map(float, st)) for st in FLOOR_ST])
+    add_texcoords(floor, FLOOR_ST)
     light = UsdLux.RectLight.Define(stage, "/World/Light")
     light.CreateWidthAttr(LIGHT_SIZE)
     light.CreateHeightAttr(LIGHT_SIZE)
@@ -105,23 +108,7 @@ def usd_stage(folder: Path) -> Usd.Stage:
 
 def _textured(stage: Usd.Stage, file: str) -> UsdShade.Material:
     look = add_material(stage, "Tiles", roughness=1.0)
-    path = look.GetPath()
-    reader = UsdShade.Shader.Define(stage, path.AppendChild("St"))
-    reader.CreateIdAttr("UsdPrimvarReader_float2")
-    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
-    image = UsdShade.Shader.Define(stage, path.AppendChild("Image"))
-    image.CreateIdAttr("UsdUVTexture")
-    image.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(file)
-    image.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("raw")
-    for wrap in ("wrapS", "wrapT"):
-        image.CreateInput(wrap, Sdf.ValueTypeNames.Token).Set("repeat")
-    image.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(
-        reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
-    )
-    surface = UsdShade.Shader(stage.GetPrimAtPath(path.AppendChild("Surface")))
-    surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).ConnectToSource(
-        image.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
-    )
+    connect(look, "diffuseColor", add_image(look, "Image", file), "rgb", Sdf.ValueTypeNames.Color3f)
     return look
 
 

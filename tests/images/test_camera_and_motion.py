@@ -123,6 +123,12 @@ def shutter(stage: Usd.Stage, opens: float = 0.0, closes: float = 1.0) -> None:
     camera.CreateShutterCloseAttr(closes)
 
 
+def move_right(prim: UsdGeom.Xformable, start: float) -> None:
+    move = prim.AddTranslateOp()
+    move.Set(Gf.Vec3d(start, 0, 0), 0)
+    move.Set(Gf.Vec3d(start + 2, 0, 0), 1)
+
+
 def moving_stage(how: str) -> Usd.Stage:
     """A square of half-width 1 that moves 2 units to the right from frame 0 to frame 1: by its transform, its
     points, its velocities, its parent, as an instance; or the camera moves to the left instead."""
@@ -147,15 +153,11 @@ def moving_stage(how: str) -> Usd.Stage:
         holder.GetPrim().GetReferences().AddInternalReference("/Proto")
         holder.GetPrim().SetInstanceable(True)
         bind(holder, glow)
-        move = holder.AddTranslateOp()
-        move.Set(Gf.Vec3d(start, 0, 0), 0)
-        move.Set(Gf.Vec3d(start + 2, 0, 0), 1)
+        move_right(holder, start)
     elif how == "parent":
         parent = UsdGeom.Xform.Define(stage, "/World/Parent")
         square(stage, "/World/Parent/Square", 1.0, glow)
-        move = parent.AddTranslateOp()
-        move.Set(Gf.Vec3d(start, 0, 0), 0)
-        move.Set(Gf.Vec3d(start + 2, 0, 0), 1)
+        move_right(parent, start)
     elif how == "instancer":
         instancer = UsdGeom.PointInstancer.Define(stage, "/World/Instancer")
         square(stage, "/World/Instancer/Square", 1.0, glow)
@@ -168,9 +170,7 @@ def moving_stage(how: str) -> Usd.Stage:
     else:
         mesh = square(stage, "/World/Square", 1.0, glow)
         if how == "transform":
-            move = mesh.AddTranslateOp()
-            move.Set(Gf.Vec3d(start, 0, 0), 0)
-            move.Set(Gf.Vec3d(start + 2, 0, 0), 1)
+            move_right(mesh, start)
         else:
             points = np.array(mesh.GetPointsAttr().Get())
             moved = [Gf.Vec3f(*map(float, p)) for p in points + np.array((start, 0, 0))]

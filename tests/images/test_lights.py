@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
-from rendering import add_camera, add_dome, add_material, add_mesh, add_plane, new_stage, render
+from rendering import add_camera, add_dome, add_material, add_mesh, add_plane, new_stage, render, write_exr
 
 ALBEDO = 0.5
 PI = np.pi
@@ -37,10 +36,13 @@ def above(light: Any, height: float) -> Any:
     return light
 
 
-def write_exr(path: Path, pixels: np.ndarray) -> str:
-    rgb = np.ascontiguousarray(pixels, np.float32)
-    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": rgb}).write(str(path))
-    return str(path)
+def straight_down(stage: Usd.Stage, intensity: float) -> UsdLux.DistantLight:
+    """A distant light without an extent."""
+    light = UsdLux.DistantLight.Define(stage, "/World/Light")
+    light.AddRotateXOp().Set(-90)
+    light.CreateAngleAttr(0.0)
+    light.CreateIntensityAttr(intensity)
+    return light
 
 
 def test_disk() -> None:
@@ -190,10 +192,7 @@ def test_shadow_can_be_switched_off_and_coloured() -> None:
     stage = floor_stage()
     blocker = [(-0.4, 1, -0.4), (0.4, 1, -0.4), (0.4, 1, 0.4), (-0.4, 1, 0.4)]
     add_mesh(stage, "/World/Blocker", blocker, [[0, 1, 2, 3]])
-    light = UsdLux.DistantLight.Define(stage, "/World/Light")
-    light.AddRotateXOp().Set(-90)
-    light.CreateAngleAttr(0.0)
-    light.CreateIntensityAttr(2.0)
+    light = straight_down(stage, 2.0)
     assert (irradiance(stage) == 0).all()
     shadow = UsdLux.ShadowAPI.Apply(light.GetPrim())
     shadow.CreateShadowColorAttr((0.25, 0.5, 0.0))
@@ -211,10 +210,7 @@ def two_halves() -> tuple[Usd.Stage, UsdLux.DistantLight]:
     for name, x in (("Left", -1.0), ("Right", 1.0)):
         points = [(x - 1, 0, 2), (x + 1, 0, 2), (x + 1, 0, -2), (x - 1, 0, -2)]
         add_mesh(stage, f"/World/{name}", points, [[0, 1, 2, 3]], grey)
-    light = UsdLux.DistantLight.Define(stage, "/World/Light")
-    light.AddRotateXOp().Set(-90)
-    light.CreateAngleAttr(0.0)
-    light.CreateIntensityAttr(1.0)
+    light = straight_down(stage, 1.0)
     add_camera(stage, (0, 4, 0), (0, 0, 0), 0.2, up=(0, 0, -1))
     return stage, light
 
@@ -270,10 +266,7 @@ def test_occlusion_distance() -> None:
 def test_transmitting_sheets_dim_shadow_rays() -> None:
     """Presence of a half, twice, between floor and light: a quarter passes."""
     stage = floor_stage()
-    light = UsdLux.DistantLight.Define(stage, "/World/Light")
-    light.AddRotateXOp().Set(-90)
-    light.CreateAngleAttr(0.0)
-    light.CreateIntensityAttr(1.0)
+    straight_down(stage, 1.0)
     half = add_material(stage, "Half", diffuseColor=(0.0, 0.0, 0.0), opacity=0.5)
     shader = UsdShade.Shader(stage.GetPrimAtPath("/World/Looks/Half/Surface"))
     shader.CreateInput("opacityMode", Sdf.ValueTypeNames.Token).Set("presence")
@@ -286,10 +279,7 @@ def test_transmitting_sheets_dim_shadow_rays() -> None:
 def test_glass_pane_passes_light_by_its_transmittance() -> None:
     """One thin sheet of ior 1.5 straight above: 1 - 2R / (1 + R) with R = 0.04; or nothing, when asked."""
     stage = floor_stage()
-    light = UsdLux.DistantLight.Define(stage, "/World/Light")
-    light.AddRotateXOp().Set(-90)
-    light.CreateAngleAttr(0.0)
-    light.CreateIntensityAttr(1.0)
+    straight_down(stage, 1.0)
     glass = add_material(stage, "Glass", diffuseColor=(1.0, 1.0, 1.0), opacity=0.0, ior=1.5, roughness=0.0)
     pane = [(-2, 1, 2), (2, 1, 2), (2, 1, -2), (-2, 1, -2)]
     add_mesh(stage, "/World/Pane", pane, [[0, 1, 2, 3]], glass)

@@ -6,47 +6,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
-from rendering import add_camera, add_dome, add_material, add_mesh, bind, new_stage, render
+from rendering import (
+    add_camera,
+    add_dome,
+    add_image,
+    add_material,
+    add_mesh,
+    add_texcoords,
+    bind,
+    connect,
+    new_stage,
+    render,
+    surface,
+    write_exr,
+)
 
 METHODS = ["reuse", "reference"]
-
-
-def write_exr(path: Path, pixels: np.ndarray) -> str:
-    rgb = np.ascontiguousarray(pixels, np.float32)
-    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": rgb}).write(str(path))
-    return str(path)
-
-
-def surface(material: UsdShade.Material) -> UsdShade.Shader:
-    stage = material.GetPrim().GetStage()
-    return UsdShade.Shader(stage.GetPrimAtPath(material.GetPath().AppendChild("Surface")))
-
-
-def add_image(
-    material: UsdShade.Material, name: str, file: str, primvar: str = "st", **inputs: Any
-) -> UsdShade.Shader:
-    stage, path = material.GetPrim().GetStage(), material.GetPath()
-    reader = UsdShade.Shader.Define(stage, path.AppendChild(f"{name}Reader"))
-    reader.CreateIdAttr("UsdPrimvarReader_float2")
-    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(primvar)
-    image = UsdShade.Shader.Define(stage, path.AppendChild(name))
-    image.CreateIdAttr("UsdUVTexture")
-    image.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(file)
-    image.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("raw")
-    for key in ("wrapS", "wrapT"):
-        image.CreateInput(key, Sdf.ValueTypeNames.Token).Set("repeat")
-    for key, value in inputs.items():
-        image.CreateInput(key, Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*value))
-    st = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
-    image.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(st)
-    return image
-
-
-def connect(material: UsdShade.Material, name: str, source: UsdShade.Shader, output: str, kind: Any) -> None:
-    surface(material).CreateInput(name, kind).ConnectToSource(source.CreateOutput(output, kind))
 
 
 def wall(
@@ -60,10 +37,7 @@ def wall(
     """A square that faces +z, with st from (0, 0) to (1, 1)."""
     points = [(-half, -half, z), (half, -half, z), (half, half, z), (-half, half, z)]
     mesh = add_mesh(stage, path, points, [[0, 1, 2, 3]], material, scheme)
-    primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
-        "st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex
-    )
-    primvar.Set([Gf.Vec2f(0, 0), Gf.Vec2f(1, 0), Gf.Vec2f(1, 1), Gf.Vec2f(0, 1)])
+    add_texcoords(mesh, [(0, 0), (1, 0), (1, 1), (0, 1)])
     return mesh
 
 
@@ -211,10 +185,7 @@ def test_two_sets_of_texture_coordinates_and_a_primvar(tmp_path: Path) -> None:
     rough = add_image(look, "Roughness", file, "other")
     connect(look, "roughness", rough, "r", Sdf.ValueTypeNames.Float)
     mesh = wall(stage, "/World/Wall", look)
-    other = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
-        "other", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex
-    )
-    other.Set([Gf.Vec2f(0, 0), Gf.Vec2f(0, 1), Gf.Vec2f(1, 1), Gf.Vec2f(1, 0)])
+    add_texcoords(mesh, [(0, 0), (0, 1), (1, 1), (1, 0)], "other")
     image = render(stage, 16, 16, samples=2, camera_light=False)["composite"][..., 0].mean(axis=0)
     np.testing.assert_allclose(image[1:-1], ((np.arange(16) + 0.5) / 16)[1:-1], atol=0.01)
 
@@ -384,10 +355,7 @@ def test_materials_that_vary_do_not_change_their_neighbours(tmp_path: Path) -> N
                 [[0, 1, 2, 3]],
                 right,
             )
-            primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
-                "st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex
-            )
-            primvar.Set([Gf.Vec2f(0, 0), Gf.Vec2f(1, 0), Gf.Vec2f(1, 1), Gf.Vec2f(0, 1)])
+            add_texcoords(mesh, [(0, 0), (1, 0), (1, 1), (0, 1)])
         add_dome(stage)
         pictures.append(render(stage, 32, 32, samples=2, occlusion_samples=8)["composite"][:, :12])
     np.testing.assert_array_equal(pictures[0], pictures[1])
