@@ -8,12 +8,16 @@
 #include <limits>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 
+#include "core/dice/curves.h"
+#include "core/dice/dice_cache.h"
 #include "core/dice/displacement.h"
 #include "core/dice/edge_length.h"
 #include "core/dice/micropolygon_cap.h"
+#include "core/dice/spheres.h"
 #include "core/dice/subdivision.h"
 #include "core/dice/undiced.h"
 
@@ -45,6 +49,14 @@ void dropDegenerate(DicedMesh& mesh) {
 class Dicer {
  public:
   Dicer(const Mesh& mesh, float edge_length, uint64_t max_micropolygons) : mesh_(mesh) {
+    if (mesh.shape == Shape::Points) {
+      spheres_ = spheresOf(mesh, max_micropolygons);
+      return;
+    }
+    if (mesh.shape == Shape::Curves) {
+      curves_.emplace(mesh, edge_length, max_micropolygons);
+      return;
+    }
     if (mesh.scheme == SubdivisionScheme::None) {
       if (mesh.face_vertex_counts.size() > max_micropolygons)
         throw overMicropolygonCap(mesh, std::to_string(mesh.face_vertex_counts.size()) +
@@ -59,39 +71,59 @@ class Dicer {
   }
 
   uint64_t micropolygons() const {
+    if (spheres_) return spheres_->micropolygons;
+    if (curves_) return curves_->micropolygons();
     return subdivision_ ? subdivision_->micropolygons() : mesh_.face_vertex_counts.size();
   }
 
-  DicedMesh dice() { return subdivision_ ? subdivision_->dice() : undicedMesh(mesh_); }
+  DicedMesh dice() {
+    if (spheres_) return std::move(*spheres_);
+    if (curves_) return curves_->dice();
+    return subdivision_ ? subdivision_->dice() : undicedMesh(mesh_);
+  }
 
  private:
   const Mesh& mesh_;
   std::optional<SubdivisionDicer> subdivision_;
+  std::optional<CurveDicer> curves_;
+  std::optional<DicedMesh> spheres_;
 };
+
+// Still faces of these are triangulated as they are.
+bool ignoresLength(const Mesh& mesh) {
+  if (mesh.shape != Shape::Faces) return mesh.shape == Shape::Points;
+  return mesh.scheme == SubdivisionScheme::None ||
+         (mesh.scheme == SubdivisionScheme::Bilinear && !(mesh.target_edge_length_world > 0));
+}
 
 // The meshes of a scene under one cap. Every mesh is counted, whatever fails, so that errors do not depend on threads;
 // only what fits is made.
 class SceneDicer {
  public:
-  SceneDicer(const Scene& scene, const Settings& settings, Patterns* patterns)
+  SceneDicer(const Scene& scene, const Settings& settings, Patterns* patterns, DiceCache* cache)
       : scene_(scene),
         cap_(settings.max_micropolygons),
         lengths_(resolvedEdgeLengths(scene, settings)),
+        patterns_(patterns),
+        cache_(cache),
         source_(patterns ? displacementOf(*patterns) : nullptr),
+        displacing_(scene.meshes.size()),
         counts_(scene.meshes.size(), 0),
         errors_(scene.meshes.size()),
-        diced_(scene.meshes.size()) {}
+        diced_(scene.meshes.size(), std::make_shared<const DicedMesh>()) {}
 
-  std::vector<DicedMesh> dice() {
-    std::vector<std::vector<int32_t>> displacing(scene_.meshes.size());  // materials of faces
+  DicedMeshes dice() {
     for (size_t i = 0; i < scene_.meshes.size() && source_; ++i)
-      if (lengths_[i] > 0) displacing[i] = displacingMaterials(scene_.meshes[i], *source_);
+      if (lengths_[i] > 0 && scene_.meshes[i].shape == Shape::Faces)
+        displacing_[i] = displacingMaterials(scene_.meshes[i], *source_);
+    findKept();
     tbb::parallel_for(size_t{0}, scene_.meshes.size(), [&](size_t i) {
-      if (lengths_[i] > 0 && displacing[i].empty()) tryTo(i, [&] { diceStill(i); });
+      if (lengths_[i] > 0 && displacing_[i].empty()) tryTo(i, [&] { diceStill(i); });
     });
     // One after the other, because patterns are; each in parallel.
     for (size_t i = 0; i < scene_.meshes.size(); ++i)
-      if (!displacing[i].empty()) tryTo(i, [&] { diceDisplaced(i, std::move(displacing[i])); });
+      if (!displacing_[i].empty()) tryTo(i, [&] { diceDisplaced(i); });
+    keep();
     for (const auto& error : errors_)
       if (error) std::rethrow_exception(error);
     checkCap();
@@ -108,20 +140,80 @@ class SceneDicer {
     }
   }
 
+  // Looks up what the scene before has left.
+  void findKept() {
+    if (!cache_) return;
+    keys_.resize(scene_.meshes.size());
+    kept_.resize(scene_.meshes.size());
+    textures_.resize(scene_.meshes.size());
+    for (size_t i = 0; i < scene_.meshes.size(); ++i)
+      if (lengths_[i] > 0) keys_[i] = keyOf(i);
+    cache_->retain(keys_);
+    for (size_t i = 0; i < scene_.meshes.size(); ++i) kept_[i] = cache_->find(keys_[i]);
+  }
+
+  DiceKey keyOf(size_t i) {
+    const Mesh& mesh = scene_.meshes[i];
+    if (!mesh.identity) return {};
+    if (displacing_[i].empty()) return {mesh.identity.get(), ignoresLength(mesh) ? 0 : lengths_[i], cap_, {}};
+    DiceKey key{mesh.identity.get(), lengths_[i], cap_, {}};
+    int32_t known = -1;
+    for (const int32_t material : std::set<int32_t>(displacing_[i].begin(), displacing_[i].end())) {
+      if (material < 0) continue;
+      PatternFingerprint print = patterns_->fingerprint(PatternPart::Displacement, material);
+      if (print.text.empty()) return {};
+      key.displacement += print.text;
+      textures_[i].insert(textures_[i].end(), print.textures.begin(), print.textures.end());
+      known = material;
+    }
+    // Where all faces are displaced alike, the material is all there is to say.
+    if (!std::all_of(displacing_[i].begin(), displacing_[i].end(), [&](int32_t m) { return m == known; }))
+      key.displacement.append(reinterpret_cast<const char*>(displacing_[i].data()),
+                              displacing_[i].size() * sizeof(int32_t));
+    return key;
+  }
+
+  const DiceCache::Entry* keptOf(size_t i) const { return cache_ ? kept_[i] : nullptr; }
+
   void diceStill(size_t i) {
+    if (const DiceCache::Entry* kept = keptOf(i)) {
+      diced_[i] = kept->mesh, counts_[i] = kept->micropolygons;
+      total_ += counts_[i];
+      return;
+    }
     Dicer dicer(scene_.meshes[i], lengths_[i], cap_);
     counts_[i] = dicer.micropolygons();
     if (total_.fetch_add(counts_[i]) + counts_[i] > cap_) return;
-    diced_[i] = dicer.dice();
-    dropDegenerate(diced_[i]);
+    set(i, dicer.dice());
   }
 
-  void diceDisplaced(size_t i, std::vector<int32_t> materials) {
-    DisplacedDicer dicer(scene_.meshes[i], std::move(materials), lengths_[i], cap_, *source_);
-    diced_[i] = dicer.dice(cap_ - std::min(cap_, total_.load()));
-    dropDegenerate(diced_[i]);
-    counts_[i] = dicer.micropolygons();
+  void diceDisplaced(size_t i) {
+    const uint64_t budget = cap_ - std::min(cap_, total_.load());
+    if (const DiceCache::Entry* kept = keptOf(i); kept && kept->micropolygons <= budget) {
+      diced_[i] = kept->mesh, counts_[i] = kept->micropolygons;
+      for (const auto& texture : kept->textures) texture->reused();
+    } else {
+      DisplacedDicer dicer(scene_.meshes[i], std::move(displacing_[i]), lengths_[i], cap_, *source_);
+      set(i, dicer.dice(budget));
+      counts_[i] = dicer.micropolygons();
+    }
     total_ += counts_[i];
+  }
+
+  void set(size_t i, DicedMesh&& diced) {
+    dropDegenerate(diced);
+    diced_[i] = std::make_shared<const DicedMesh>(std::move(diced));
+  }
+
+  // Leaves what was diced to the scene that follows. What the cap has cut off is not there to be kept.
+  void keep() {
+    if (!cache_) return;
+    for (size_t i = 0; i < scene_.meshes.size(); ++i) {
+      if (!(lengths_[i] > 0) || errors_[i] || (kept_[i] && kept_[i]->mesh == diced_[i])) continue;
+      cache_->countDiced();
+      if (total_ <= cap_)
+        cache_->add(std::move(keys_[i]), {diced_[i], counts_[i], scene_.meshes[i].identity, std::move(textures_[i])});
+    }
   }
 
   void checkCap() const {
@@ -136,11 +228,18 @@ class SceneDicer {
   const Scene& scene_;
   uint64_t cap_;
   std::vector<float> lengths_;
+  Patterns* patterns_;
+  DiceCache* cache_;
   std::unique_ptr<DisplacementSource> source_;
+  std::vector<std::vector<int32_t>> displacing_;  // materials of faces; empty: not displaced
   std::vector<uint64_t> counts_;
   std::vector<std::exception_ptr> errors_;
-  std::vector<DicedMesh> diced_;
+  std::vector<DicedMeshes::Pointer> diced_;
   std::atomic<uint64_t> total_ = 0;
+  // Only with a cache.
+  std::vector<DiceKey> keys_;
+  std::vector<const DiceCache::Entry*> kept_;
+  std::vector<std::vector<std::shared_ptr<const TextureSource>>> textures_;  // that the key names
 };
 
 }  // namespace
@@ -151,8 +250,8 @@ DicedMesh diceMesh(const Mesh& mesh, float edge_length, uint64_t max_micropolygo
   return diced;
 }
 
-std::vector<DicedMesh> diceScene(const Scene& scene, const Settings& settings, Patterns* patterns) {
-  return SceneDicer(scene, settings, patterns).dice();
+DicedMeshes diceScene(const Scene& scene, const Settings& settings, Patterns* patterns, DiceCache* cache) {
+  return SceneDicer(scene, settings, patterns, cache).dice();
 }
 
 }  // namespace encore

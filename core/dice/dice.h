@@ -2,8 +2,12 @@
 // surface whose edges are at most a target length in world space; polygons stay as they are.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <iterator>
 #include <limits>
+#include <memory>
+#include <utility>
 #include <vector>
 
 #include "core/scene/math.h"
@@ -11,6 +15,7 @@
 
 namespace encore {
 
+class DiceCache;
 class Patterns;
 
 // Triangles of one mesh, ready to trace. Every primitive owns its vertices, so that everything is per
@@ -32,8 +37,55 @@ struct DicedMesh {
   uint64_t micropolygons = 0;                // quads of grids, and undiced faces as one each
   uint64_t lost_displacements = 0;           // values that were not finite, and count as 0
 
+  // Of points, which are primitives each, and instead of all that is per vertex, triangle or primitive above: centres
+  // and radii; a negative radius: there is nothing. texcoords, display_color and primvars are per sphere, or one value
+  // for all of them.
+  std::vector<Vec4f> spheres;
+  std::vector<std::vector<Vec4f>> motion_spheres;  // as motion_positions
+
   size_t triangleCount() const { return triangle_primitive.size(); }
-  size_t primitiveCount() const { return primitive_face.size(); }
+  size_t primitiveCount() const { return spheres.empty() ? primitive_face.size() : spheres.size(); }
+};
+
+// The diced meshes of a scene, in the order of Scene::meshes. Copies share them.
+class DicedMeshes {
+ public:
+  using Pointer = std::shared_ptr<const DicedMesh>;
+  class Iterator {
+   public:
+    using iterator_category = std::forward_iterator_tag;
+    using value_type = DicedMesh;
+    using difference_type = std::ptrdiff_t;
+    using pointer = const DicedMesh*;
+    using reference = const DicedMesh&;
+
+    Iterator() = default;
+    explicit Iterator(const Pointer* at) : at_(at) {}
+    reference operator*() const { return **at_; }
+    pointer operator->() const { return at_->get(); }
+    Iterator& operator++() { return ++at_, *this; }
+    Iterator operator++(int) { return Iterator(at_++); }
+    bool operator==(const Iterator&) const = default;
+
+   private:
+    const Pointer* at_ = nullptr;
+  };
+
+  DicedMeshes() = default;
+  DicedMeshes(std::vector<Pointer> meshes) : meshes_(std::move(meshes)) {}  // none of them null
+  DicedMeshes(std::vector<DicedMesh> meshes) {
+    for (DicedMesh& mesh : meshes) meshes_.push_back(std::make_shared<const DicedMesh>(std::move(mesh)));
+  }
+
+  size_t size() const { return meshes_.size(); }
+  const DicedMesh& operator[](size_t i) const { return *meshes_[i]; }
+  const DicedMesh& at(size_t i) const { return *meshes_.at(i); }
+  const Pointer& shared(size_t i) const { return meshes_[i]; }
+  Iterator begin() const { return Iterator(meshes_.data()); }
+  Iterator end() const { return Iterator(meshes_.data() + meshes_.size()); }
+
+ private:
+  std::vector<Pointer> meshes_;
 };
 
 // Largest factor by which the transform stretches a vector (its largest singular value).
@@ -54,7 +106,8 @@ float defaultEdgeLength(float mesh_diagonal_world, float scene_diagonal_world,
 // Dices one mesh. edge_length: target length in prototype space (world length / largest scale), > 0; edges
 // of grids keep it within 1e-5 of itself and float rounding of positions (the strips that join neighbours
 // of different rates, and diagonals, may be longer).
-// Bilinear meshes are diced only where they have a target_edge_length_world of their own.
+// Bilinear meshes are diced only where they have a target_edge_length_world of their own. Curves: see
+// core/dice/curves.h. Points are not diced: core/trace takes spheres.
 // Throws Error(Memory) that names the mesh and the edge length when it would make more than
 // max_micropolygons, Error(Scene) when OpenSubdiv cannot use the topology.
 // Precondition: validateMesh(mesh).
@@ -70,6 +123,8 @@ DicedMesh diceMesh(const Mesh& mesh, float edge_length, uint64_t max_micropolygo
 // or so rough that three rounds of measuring miss some of it. Meshes whose every face is undiced ignore the length;
 // meshes that no instance shows come back empty. Returned in the order of scene.meshes. max_micropolygons bounds the
 // sum over the meshes. Errors as diceMesh: that of the first mesh that has one.
-std::vector<DicedMesh> diceScene(const Scene& scene, const Settings& settings, Patterns* patterns = nullptr);
+// cache: meshes that are in it are taken from there, and it holds those of this scene afterwards. Null: none.
+DicedMeshes diceScene(const Scene& scene, const Settings& settings, Patterns* patterns = nullptr,
+                      DiceCache* cache = nullptr);
 
 }  // namespace encore

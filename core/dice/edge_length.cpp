@@ -28,14 +28,57 @@ struct Box {
   }
 };
 
-// Points that faces use: stray ones must not make a mesh look large.
+constexpr double kWidthsPerEdge = 16;
+
+struct WidthRange {
+  double mean = 1, most = 1;
+};
+
+WidthRange widthRange(const Mesh& mesh) {
+  if (mesh.widths.empty()) return {};
+  WidthRange range{0, 0};
+  for (const float width : mesh.widths.values.get())
+    range.mean += double(width), range.most = std::max(range.most, double(width));
+  range.mean /= double(mesh.widths.values.size());
+  return range;
+}
+
+// Points that faces use: stray ones must not make a mesh look large. Curves and points with the widest of their widths.
 Box boundsOf(const Mesh& mesh) {
   Box box;
+  if (mesh.shape != Shape::Faces) {
+    for (const Vec3f& point : mesh.points.get()) box.add(toDouble(point));
+    if (box.empty()) return box;
+    const double radius = widthRange(mesh).most / 2;
+    box.add(box.low - Vec3d{radius, radius, radius}), box.add(box.high + Vec3d{radius, radius, radius});
+    return box;
+  }
   for (const int32_t point : mesh.face_vertex_indices) box.add(toDouble(mesh.points[size_t(point)]));
   return box;
 }
 
+// Of control polygons.
+double meanCurveEdge(const Mesh& mesh) {
+  const std::vector<Vec3f>& points = mesh.points.get();
+  double sum = 0;
+  size_t first = 0, edges = 0;
+  for (const int32_t count : mesh.face_vertex_counts.get()) {
+    for (size_t k = 1; k < size_t(count); ++k)
+      sum += length(toDouble(points[first + k]) - toDouble(points[first + k - 1]));
+    first += size_t(count), edges += size_t(count) - 1;
+  }
+  return edges == 0 ? 0 : sum / double(edges);
+}
+
+// Stands for the base faces' edges in defaultEdgeLength(), which takes a quarter of it: not longer than edges of the
+// control polygons, and not so long that hair is bent by more than twice its width (CurveDicer).
+double curveBaseEdge(const Mesh& mesh) {
+  const double edge = meanCurveEdge(mesh), width = kWidthsPerEdge * widthRange(mesh).mean;
+  return 4 * (width > 0 ? std::min(edge, width) : edge);
+}
+
 double meanBaseEdge(const Mesh& mesh) {
+  if (mesh.shape != Shape::Faces) return mesh.shape == Shape::Curves ? curveBaseEdge(mesh) : 0;
   double sum = 0;
   size_t first = 0;
   for (const int32_t count : mesh.face_vertex_counts) {
@@ -44,6 +87,19 @@ double meanBaseEdge(const Mesh& mesh) {
     first += size_t(count);
   }
   return first == 0 ? 0 : sum / double(first);
+}
+
+// Turning a thing changes the last bits of its scale, which must not dice it anew.
+double rounded(double scale) {
+  constexpr double kSteps = 1 << 17;
+  int exponent = 0;
+  const double mantissa = std::frexp(scale, &exponent);
+  return std::ldexp(std::round(mantissa * kSteps) / kSteps, exponent);
+}
+
+// The nearest quarter of an octave: what moves about must not dice all others anew.
+double roundedDiagonal(double diagonal) {
+  return diagonal > 0 && std::isfinite(diagonal) ? std::exp2(std::round(4 * std::log2(diagonal)) / 4) : diagonal;
 }
 
 struct ScaleRange {
@@ -56,7 +112,7 @@ struct ScaleRange {
 
   // See resolvedEdgeLengths. The tolerances forgive what rotations do to the last bits.
   double forDicing() const {
-    if (largest <= least * (1 + 1e-4)) return largest;
+    if (largest <= least * (1 + 1e-4)) return rounded(largest);
     return std::exp2(std::ceil(std::log2(largest) - 1e-4));
   }
 };
@@ -105,15 +161,16 @@ std::vector<float> resolvedEdgeLengths(const Scene& scene, const Settings& setti
       world.add(bounds[mesh], instance.to_world);
     }
   }
+  const float world_diagonal = float(roundedDiagonal(world.diagonal()));
   std::vector<float> lengths;
   for (size_t i = 0; i < scene.meshes.size(); ++i) {
     const Mesh& mesh = scene.meshes[i];
-    const double largest = scales[i].largest;
+    const double largest = rounded(scales[i].largest);
     double world_length = mesh.target_edge_length_world;
     if (!(world_length > 0)) {
       world_length = settings.target_edge_length_world > 0
                          ? settings.target_edge_length_world
-                         : defaultEdgeLength(float(bounds[i].diagonal() * largest), float(world.diagonal()),
+                         : defaultEdgeLength(float(bounds[i].diagonal() * largest), world_diagonal,
                                              float(meanBaseEdge(mesh) * largest));
       world_length *= settings.edge_length_scale;
     }

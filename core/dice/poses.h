@@ -17,7 +17,7 @@ inline constexpr size_t kMostPoses = 1 + kMaxMotionKeys;
 
 inline size_t poseCount(const Mesh& mesh) { return 1 + mesh.motion_points.size(); }
 inline const std::vector<Vec3f>& posedPoints(const Mesh& mesh, size_t pose) {
-  return pose == 0 ? mesh.points : mesh.motion_points[pose - 1];
+  return pose == 0 ? mesh.points.get() : mesh.motion_points[pose - 1];
 }
 
 inline size_t poseCount(const DicedMesh& mesh) { return 1 + mesh.motion_positions.size(); }

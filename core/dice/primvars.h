@@ -71,7 +71,7 @@ class LimitPrimvar {
    public:
     Evaluator(const LimitPrimvar& primvar, const LimitTopology& topology) : primvar_(primvar.primvar_) {
       if (isFlat(primvar_)) return;
-      const auto& values = primvar.per_point_.empty() ? primvar_.values : primvar.per_point_;
+      const auto& values = primvar.per_point_.empty() ? primvar_.values.get() : primvar.per_point_;
       surface_.emplace(topology, primvar_.interpolation, primvar.channel_, &values[0].x, kWidth);
     }
     void bind(int32_t face) {

@@ -142,12 +142,11 @@ class BlockTracer {
   }
 
   void stagePixel(uint32_t px, uint32_t py, uint32_t staged) {
-    const uint32_t x = layout_.x0 + px, y = layout_.y0 + py, n = layout_.per_pixel;
+    const uint32_t n = layout_.per_pixel;
     const uint32_t slot = first_slot_ + (py * kBlockPixels + px) * n;
     uint32_t* const position = position_.empty() ? &batch_.shared.position[slot] : position_.data();
-    const Settings& settings = batch_.context.settings;
-    jitterPixel(batch_.strata, settings.seed, y * settings.width + x, x, y, position, &film_x_[staged],
-                &film_y_[staged]);
+    jitterPixel(batch_.strata, batch_.context.settings.seed, layout_.key(px, py), layout_.x0 + int32_t(px),
+                layout_.y0 + int32_t(py), position, &film_x_[staged], &film_y_[staged]);
     for (uint32_t s = 0; s < n; ++s) slots_[staged + s] = slot + s;
   }
 
@@ -195,9 +194,9 @@ class BlockTracer {
     }
     batch_.camera.rays(p.film_x, p.film_y, pixel, sample, p.rays);
   }
-  uint32_t pixelOf(uint32_t slot) const {  // of the image
+  uint32_t pixelOf(uint32_t slot) const {  // its key
     const uint32_t pixel = (slot - first_slot_) / layout_.per_pixel;
-    return (layout_.y0 + pixel / kBlockPixels) * batch_.context.settings.width + layout_.x0 + pixel % kBlockPixels;
+    return layout_.key(pixel % kBlockPixels, pixel / kBlockPixels);
   }
 
   void resolveDirect(Packet& p) {

@@ -5,7 +5,7 @@
 namespace encore {
 
 ENCORE_AVX2_CLONES
-void jitterPixel(const Strata& strata, uint32_t seed, uint32_t pixel, uint32_t x, uint32_t y,
+void jitterPixel(const Strata& strata, uint32_t seed, uint32_t pixel, int32_t x, int32_t y,
                  uint32_t* __restrict position, float* __restrict film_x, float* __restrict film_y) {
   const Strata::Pattern pattern = strata.pattern(pixel, seed);
   const float *column = pattern.column, *row = pattern.row, across = strata.across();

@@ -6,8 +6,8 @@
 
 namespace encore {
 
-// The samples of one pixel at (x, y): their offsets, and their places on the film.
-void jitterPixel(const Strata& strata, uint32_t seed, uint32_t pixel, uint32_t x, uint32_t y,
+// The samples of one pixel at (x, y), whose random number key is `pixel`: their offsets, and their places on the film.
+void jitterPixel(const Strata& strata, uint32_t seed, uint32_t pixel, int32_t x, int32_t y,
                  uint32_t* __restrict position, float* __restrict film_x, float* __restrict film_y);
 float nearest(const PacketLanes<float>& depth);
 uint32_t countSurfaces(const PacketLanes<uint32_t>& instance);

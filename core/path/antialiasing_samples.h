@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "core/path/film_keys.h"
 #include "core/scene/block.h"
 #include "core/scene/random.h"
 #include "core/scene/settings.h"
@@ -70,21 +71,34 @@ inline uint32_t jitteredPosition(float column, float row, float across, uint32_t
   const auto random = pcg4d(pixel, s, uint32_t(RandomUse::FilmPosition), seed);
   return jittered(row, random[1], across) << 16 | jittered(column, random[0], across);
 }
-inline float filmX(uint32_t x, uint32_t position) { return float(x) + float(int32_t(position & 0xffffu)) * 0x1p-16f; }
-inline float filmY(uint32_t y, uint32_t position) { return float(y) + float(int32_t(position >> 16)) * 0x1p-16f; }
+inline float filmX(int32_t x, uint32_t position) { return float(x) + float(int32_t(position & 0xffffu)) * 0x1p-16f; }
+inline float filmY(int32_t y, uint32_t position) { return float(y) + float(int32_t(position >> 16)) * 0x1p-16f; }
 
 // Where the samples of a block stand: among its slots, and in the sequence that packets are cut from.
 struct BlockLayout {
-  uint32_t x0, y0, width, height;  // pixels inside of the image
+  int32_t x0, y0;
+  uint32_t width, height;  // pixels inside of the image; of a block of the overscan, all of them
   uint32_t per_pixel;
+  bool of_image;
+  uint32_t image_width;
 
   BlockLayout(BlockOrigin block, const Settings& settings)
       : x0(block.x),
         y0(block.y),
-        width(block.x < settings.width ? std::min(kBlockPixels, settings.width - block.x) : 0),
-        height(block.y < settings.height ? std::min(kBlockPixels, settings.height - block.y) : 0),
-        per_pixel(settings.samples * settings.samples) {}
+        width(extent(block.x, settings.width)),
+        height(extent(block.y, settings.height)),
+        per_pixel(settings.samples * settings.samples),
+        of_image(isOfImage(block.x, settings.width) && isOfImage(block.y, settings.height)),
+        image_width(settings.width) {}
 
+  static uint32_t extent(int32_t at, uint32_t size) {
+    return isOfImage(at, size) ? std::min(kBlockPixels, size - uint32_t(at)) : kBlockPixels;
+  }
+  // pixelKey() of pixels inside.
+  uint32_t key(uint32_t px, uint32_t py) const {
+    if (!of_image) return overscanKey(x0 + int32_t(px), y0 + int32_t(py));
+    return (uint32_t(y0) + py) * image_width + uint32_t(x0) + px;
+  }
   bool inside(uint32_t px, uint32_t py) const { return px < width && py < height; }
   uint32_t slots() const { return kBlockArea * per_pixel; }
   uint32_t length() const { return width * height * per_pixel; }  // of the sequence

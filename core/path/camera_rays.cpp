@@ -3,6 +3,7 @@
 #include <numeric>
 
 #include "core/path/aperture.h"
+#include "core/path/film_keys.h"
 #include "core/path/path.h"
 #include "core/trace/clones.h"
 
@@ -17,9 +18,6 @@ uint32_t spreadBits(uint32_t x) {
   x = (x | x << 2) & 0x33333333u;
   return (x | x << 1) & 0x55555555u;
 }
-
-// Keys from here on are those of blocks of seeds (core/render/samples.cpp), whose samples have no strata.
-constexpr uint32_t kFirstBlockKey = 0x80000000u;
 
 }  // namespace
 

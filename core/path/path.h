@@ -24,7 +24,7 @@ std::vector<Layer> sceneLayers(const Scene& scene, const Settings& settings);
 inline constexpr uint32_t kNoPixel = 0xffffffffu;
 struct FirstHit {
   Hit hit;
-  float film_x = 0, film_y = 0;                      // pixels, y down
+  float film_x = 0, film_y = 0;                      // pixels of the plane of the image, y down
   uint32_t pixel = kNoPixel, sample = 0;             // random number key
   bool active() const { return pixel != kNoPixel; }  // false: outside of the image; such slots give zero
 };
@@ -32,7 +32,7 @@ struct FirstHit {
 // A path that passes a surface with presence or a cut-out goes straight on, uses up no bounce and stays in its layer.
 // First hits are what is left behind all that was passed: coverage, depth, normals and layers follow from them.
 
-// Camera rays of the image. film coordinates: pixels from the upper left corner of the image, y down.
+// Camera rays of the image and around it. film coordinates: pixels from the upper left corner of the image, y down.
 class CameraRays {
  public:
   // moves: the scene does (Scene::moves()), so that samples have times.
@@ -115,10 +115,11 @@ struct SampleOutputs {
 
 // What all layers of a batch share, in slot order. Empty: not needed.
 struct SharedOutputs {
-  std::span<uint32_t> position;  // offset in the pixel, records.h; 0 in slots outside of the image
-  std::span<float> coverage;     // 1: a surface, or a light that the camera sees; else 0
-  std::span<Vec3f> normal;       // shading normal on the side of the camera; 0 where nothing was hit
-  std::span<float> depth;        // per pixel: of its closest sample, along -Z; infinity: nothing
+  // Offset in the pixel, records.h; 0 in slots of the image's blocks that lie outside of it, which hold nothing.
+  std::span<uint32_t> position;
+  std::span<float> coverage;  // 1: a surface, or a light that the camera sees; else 0
+  std::span<Vec3f> normal;    // shading normal on the side of the camera; 0 where nothing was hit
+  std::span<float> depth;     // per pixel: of its closest sample, along -Z; infinity: nothing
 };
 
 // Generates, traces and resolves the antialiasing samples of whole blocks in one pass: samples × samples jittered

@@ -17,8 +17,9 @@ class NumberedPacket {
     for (uint32_t lane = 0; lane < count_; ++lane) {
       const uint32_t slot = layout.slot(number * kPacketWidth + lane), s = slot % strata.count();
       const uint32_t in_block = slot / strata.count();
-      const uint32_t x = layout.x0 + in_block % kBlockPixels, y = layout.y0 + in_block / kBlockPixels;
-      pixel_[lane] = y * settings.width + x, sample_[lane] = s;
+      const uint32_t px = in_block % kBlockPixels, py = in_block / kBlockPixels;
+      const int32_t x = layout.x0 + int32_t(px), y = layout.y0 + int32_t(py);
+      pixel_[lane] = layout.key(px, py), sample_[lane] = s;
       const Strata::Pattern pattern = strata.pattern(pixel_[lane], settings.seed);
       const uint32_t position =
           jitteredPosition(pattern.column[s], pattern.row[s], strata.across(), pixel_[lane], s, settings.seed);
@@ -102,7 +103,7 @@ RawTrace timeRawPrimaryRays(const TraceScene& trace, const CameraRays& camera, c
   const Strata strata(settings.samples);
   std::vector<BlockOrigin> blocks;
   for (uint32_t y = 0; y < settings.height; y += kBlockPixels)
-    for (uint32_t x = 0; x < settings.width; x += kBlockPixels) blocks.push_back({x, y});
+    for (uint32_t x = 0; x < settings.width; x += kBlockPixels) blocks.push_back({int32_t(x), int32_t(y)});
   std::atomic<uint64_t> rays{0}, nanoseconds{0};
   tbb::parallel_for(size_t{0}, blocks.size(), [&](size_t b) {
     const FlushDenormals flush;

@@ -6,10 +6,13 @@
 #include <bit>
 #include <cstring>
 #include <optional>
+#include <set>
 #include <utility>
 
 #include "core/pattern/compile_glsl.h"
+#include "core/pattern/fingerprint.h"
 #include "core/pattern/network.h"
+#include "core/pattern/pattern_cache.h"
 #include "core/pattern/texture_nodes.h"
 #include "core/pattern/texture_store.h"
 #include "core/scene/error.h"
@@ -75,6 +78,35 @@ std::vector<uint32_t> compileProgram(const ShaderCache& cache, const PatternProg
   return std::move(result.spirv);
 }
 
+std::string keyOf(const std::string& name, const PatternProgram& program) { return name + "\n" + program.source; }
+
+// Programs to kernels, unless a scene before has left them.
+class Compiler {
+ public:
+  Compiler(Device& device, std::string folder, PatternCache* cache)
+      : device_(device), shaders_(folder), cache_(cache) {}
+
+  std::shared_ptr<const Kernel> kernel(const PatternProgram& program, const std::string& name) const {
+    const std::string key = keyOf(name, program);
+    if (cache_ && cache_->knows(key)) return cache_->program(key);
+    const auto kernel = std::make_shared<const Kernel>(device_, name, compileProgram(shaders_, program, name));
+    if (cache_) cache_->addProgram(key, kernel);
+    return kernel;
+  }
+  // Throws where it does not compile.
+  void check(const PatternProgram& program, const std::string& name) const {
+    const std::string key = keyOf(name, program);
+    if (cache_ && cache_->knows(key)) return;
+    compileProgram(shaders_, program, name);
+    if (cache_) cache_->addProgram(key, nullptr);
+  }
+
+ private:
+  Device& device_;
+  ShaderCache shaders_;
+  PatternCache* cache_;
+};
+
 // One part of all materials: its constants, its programs, and the buffers of its batches.
 class Part {
  public:
@@ -90,16 +122,19 @@ class Part {
   void setPrograms(std::vector<PatternProgram> programs) {
     for (PatternProgram& program : programs) {
       for (uint32_t material : program.materials) program_of_[material] = uint32_t(programs_.size());
-      programs_.push_back({std::move(program), {}, false});
+      programs_.push_back({std::move(program), nullptr});
     }
   }
   void setTextures(Device& device, const Scene& scene, const TextureLayout& layout, std::vector<TextureTile>& tiles) {
     textures_.emplace(device, part_, scene, layout, tiles);
   }
+  void addProgramKeys(std::set<std::string>& keys) const {
+    for (const Program& program : programs_) keys.insert(keyOf(name(), program.text));
+  }
   // Those that a user wrote, so that what is wrong with them is known early. Others are compiled at first use.
-  void compileShaders(Device& device, const ShaderCache& cache) {
+  void compileShaders(const Compiler& compiler) {
     for (Program& program : programs_)
-      if (program.text.shader) compile(device, cache, program);
+      if (program.text.shader) compile(compiler, program);
   }
 
   bool varies(int32_t material) const { return program_of_.at(size_t(material)) != kNoProgram; }
@@ -111,7 +146,24 @@ class Part {
     return std::bit_cast<Outputs>(values);
   }
 
-  void evaluate(Device& device, const ShaderCache& cache, TextureStore& textures, const PatternPoints& points,
+  PatternFingerprint fingerprint(const Scene& scene, int32_t index) const {
+    const Material& material = scene.materials.at(size_t(index));
+    PatternFingerprint print;
+    FingerprintText text(print.text);
+    text.add(constants_[size_t(index)].data(), constants_[size_t(index)].size() * sizeof(float));
+    if (!varies(index)) return print;
+    text.add(uint32_t(index));
+    text.add(programs_[program_of_[size_t(index)]].text.source);
+    for (const PointSlot& slot : layout(index).slots) {
+      text.add(uint32_t(slot.kind)), text.add(slot.name);
+      text.add(slot.fallback.data(), sizeof slot.fallback);
+    }
+    for (const int32_t n : textureNodes(material, makeNetwork(part_, material)))
+      if (!addTextureNode(scene, material.nodes[size_t(n)], text, print.textures)) return {};
+    return print;
+  }
+
+  void evaluate(Device& device, const Compiler& compiler, TextureStore& textures, const PatternPoints& points,
                 std::span<std::byte> values) {
     const size_t record_bytes = floats_ * sizeof(float);
     if (points.size() * record_bytes != values.size() || points.size() > 0xffffffffu)
@@ -120,7 +172,7 @@ class Part {
     if (points.empty()) return;
     sortByProgram(points);
     for (uint32_t p = 0; p < programs_.size(); ++p)
-      if (batchSize(p) > 0) compile(device, cache, programs_[p]);
+      if (batchSize(p) > 0) compile(compiler, programs_[p]);
     upload(device, points);
     dispatch(device, textures);
     // All levels that the batch wants are resident now, unless they were before.
@@ -135,8 +187,7 @@ class Part {
  private:
   struct Program {
     PatternProgram text;
-    Kernel kernel;
-    bool compiled;
+    std::shared_ptr<const Kernel> kernel;  // null: not compiled yet
   };
 
   std::string name() const {
@@ -145,10 +196,8 @@ class Part {
     return kNames[size_t(part_)];
   }
 
-  void compile(Device& device, const ShaderCache& cache, Program& program) {
-    if (program.compiled) return;
-    program.kernel = Kernel(device, name(), compileProgram(cache, program.text, name()));
-    program.compiled = true;
+  void compile(const Compiler& compiler, Program& program) {
+    if (!program.kernel) program.kernel = compiler.kernel(program.text, name());
   }
 
   // Where the points of each program begin in the order of evaluation. Points keep their order within a program.
@@ -201,7 +250,7 @@ class Part {
       if (batchSize(p) == 0) continue;
       const uint64_t order = order_.empty() ? 0 : order_buffer_.address(first_[p]);
       commands.dispatch(
-          programs_[p].kernel, groupsFor(batchSize(p), kLocalSize),
+          *programs_[p].kernel, groupsFor(batchSize(p), kLocalSize),
           Arguments{points_.address(), data_.address(), values_.address(), order, textures_->rangesAddress(),
                     textures_->nodesAddress(), textures.tablesAddress(), batchSize(p), order_.empty() ? 0u : 1u});
     }
@@ -231,9 +280,10 @@ std::vector<Outputs> constantTable(const Part& part, size_t materials) {
 }  // namespace
 
 struct Patterns::Impl {
-  Impl(Device& on, const Scene& scene, const Settings& settings)
+  Impl(Device& on, const Scene& of, const Settings& settings, PatternCache* cache)
       : device(on),
-        cache(settings.shader_cache),
+        scene(of),
+        compiler(on, settings.shader_cache, cache),
         parts{Part(PatternPart::Shading, kFloats<ShadingInputs>, scene),
               Part(PatternPart::Path, kFloats<PathInputs>, scene),
               Part(PatternPart::Opacity, kFloats<OpacityInputs>, scene),
@@ -245,18 +295,22 @@ struct Patterns::Impl {
     displacement = constantTable<DisplacementInputs>(part(PatternPart::Displacement), materials);
 
     PatternSource source = generatePatterns(scene);
-    for (const PatternProgram& program : source.idle) compileProgram(cache, program, "pattern_idle");
+    std::set<std::string> programs;
+    for (const PatternProgram& program : source.idle) programs.insert(keyOf(kIdle, program));
     const TextureLayout layout = layoutTextures(scene);
     std::vector<TextureTile> tiles;
     for (uint32_t p = 0; p < kPatternParts; ++p) {
       parts[p].setPrograms(std::move(source.parts[p]));
       parts[p].setTextures(device, scene, layout, tiles);
-      parts[p].compileShaders(device, cache);
+      parts[p].addProgramKeys(programs);
     }
+    if (cache) cache->retainPrograms(programs);
+    for (const PatternProgram& program : source.idle) compiler.check(program, kIdle);
+    for (Part& p : parts) p.compileShaders(compiler);
     const uint64_t budget = settings.texture_budget_bytes;
     // Only a budget that was asked for is a hard one: the default grows to half of the memory before it fails.
     const uint64_t given = budget ? budget : defaultBudget(device);
-    textures.emplace(device, scene, layout, tiles, given, budget ? budget : 4 * given);
+    textures.emplace(device, scene, layout, tiles, given, budget ? budget : 4 * given, cache);
 
     for (size_t m = 0; m < materials; ++m) {
       normal_texcoords.push_back(normalTexcoordOf(scene.materials[m]));
@@ -269,11 +323,13 @@ struct Patterns::Impl {
   Part& part(PatternPart p) { return parts[size_t(p)]; }
   template <class Outputs>
   void evaluate(PatternPart p, const PatternPoints& points, std::span<Outputs> values) {
-    part(p).evaluate(device, cache, *textures, points, std::as_writable_bytes(values));
+    part(p).evaluate(device, compiler, *textures, points, std::as_writable_bytes(values));
   }
 
+  static constexpr const char* kIdle = "pattern_idle";
   Device& device;
-  ShaderCache cache;
+  const Scene& scene;
+  Compiler compiler;
   std::array<Part, kPatternParts> parts;
   std::optional<TextureStore> textures;
   std::vector<ShadingInputs> shading;
@@ -284,8 +340,8 @@ struct Patterns::Impl {
   bool reads_textures = false;
 };
 
-Patterns::Patterns(Device& device, const Scene& scene, const Settings& settings)
-    : impl_(std::make_unique<Impl>(device, scene, settings)) {}
+Patterns::Patterns(Device& device, const Scene& scene, const Settings& settings, PatternCache* cache)
+    : impl_(std::make_unique<Impl>(device, scene, settings, cache)) {}
 Patterns::~Patterns() = default;
 
 bool Patterns::varies(PatternPart part, int32_t material) const { return impl_->part(part).varies(material); }
@@ -300,6 +356,9 @@ const DisplacementInputs& Patterns::constantDisplacement(int32_t material) const
 }
 const std::string& Patterns::normalTexcoord(int32_t material) const {
   return impl_->normal_texcoords.at(size_t(material));
+}
+PatternFingerprint Patterns::fingerprint(PatternPart part, int32_t material) const {
+  return impl_->part(part).fingerprint(impl_->scene, material);
 }
 bool Patterns::readsTextures() const { return impl_->reads_textures; }
 

@@ -14,6 +14,8 @@
 
 namespace encore {
 
+class PatternCache;
+
 // GLSL (a compute shader, #version 460, target Vulkan 1.3) → SPIR-V. name: for messages. Thread-safe.
 // It may include "records.h" and "pattern/*.glsl" (names below shaders/), which the library holds as text.
 // Throws Error(Internal) with glslang's log.
@@ -71,6 +73,14 @@ struct PatternPoints {
   void append(const PatternPoints& more);  // keeps their order
 };
 
+// All that the values of one part of a material depend on besides the points: equal text, equal values, in whatever
+// scene. Empty: a texture without a source cannot be told from others. The text names textures by the addresses of
+// their sources, and so is good for as long as these are held.
+struct PatternFingerprint {
+  std::string text;
+  std::vector<std::shared_ptr<const TextureSource>> textures;
+};
+
 // Evaluates the scene's materials. Constant parts cost nothing: they are tables. A part varies if one of the
 // inputs that it needs has a node with something to read: a missing texture is its fallback, a constant; the base
 // colour is needed by metals only; the metallic and the specular workflow ignore each other's input.
@@ -81,7 +91,9 @@ class Patterns {
  public:
   // Throws Error(Scene) with the prim path, the line and glslang's message where a material's own GLSL does not
   // compile; Error(Memory) when the levels that one batch wants do not fit the budget, with their size.
-  Patterns(Device& device, const Scene& scene, const Settings& settings = {});
+  // cache: what it holds of the scene's programs and textures need not be made again, and it is left what this one
+  // made. It must outlive this, which must be gone before others use the cache, and be for the same device. Null: none.
+  Patterns(Device& device, const Scene& scene, const Settings& settings = {}, PatternCache* cache = nullptr);
   ~Patterns();
 
   bool varies(PatternPart part, int32_t material) const;
@@ -92,6 +104,7 @@ class Patterns {
   const DisplacementInputs& constantDisplacement(int32_t material) const;
   // Name of the texture coordinates whose tangents the material's normal map is given in; empty: it has none.
   const std::string& normalTexcoord(int32_t material) const;
+  PatternFingerprint fingerprint(PatternPart part, int32_t material) const;
   // Some material looks up a texture, so that footprints matter.
   bool readsTextures() const;
 

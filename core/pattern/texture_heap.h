@@ -20,6 +20,7 @@ class TextureHeap {
     uint32_t page = 0;
     uint64_t first = 0, halves = 0;  // none: not allocated
   };
+  void setPageBytes(uint64_t page_bytes) { page_halves_ = page_bytes / sizeof(uint16_t); }  // of pages to come
   // halves: a multiple of 4, above 0. Throws Error(Memory) when the device has no more. Contents are undefined.
   Block allocate(uint64_t halves);
   void release(Block& block);

@@ -1,7 +1,9 @@
 #include "core/pattern/texture_store.h"
 
 #include <algorithm>
+#include <map>
 #include <string>
+#include <utility>
 
 #include "core/scene/error.h"
 #include "core/scene/text.h"
@@ -46,12 +48,15 @@ std::vector<uint16_t> readPixels(const Texture& texture) {
 }  // namespace
 
 TextureStore::TextureStore(Device& device, const Scene& scene, const TextureLayout& layout,
-                           std::span<const TextureTile> tiles, uint64_t budget_bytes, uint64_t most_bytes)
+                           std::span<const TextureTile> tiles, uint64_t budget_bytes, uint64_t most_bytes,
+                           PatternCache* cache)
     : scene_(scene),
       budget_(budget_bytes),
       most_(most_bytes),
       total_(totalBytes(scene, layout)),
-      heap_(device, pageBytes(budget_, total_)) {
+      cache_(cache),
+      heap_(cache ? cache->heap() : std::make_shared<TextureHeap>(device, 0)) {
+  heap_->setPageBytes(pageBytes(budget_, total_));
   for (size_t i = 0; i < layout.tiles.size(); ++i) {
     const TextureTile& tile = layout.tiles[i];
     if (!tile.level_count) continue;
@@ -59,10 +64,13 @@ TextureStore::TextureStore(Device& device, const Scene& scene, const TextureLayo
     const std::vector<PyramidLevel> levels = pyramidLevels(tile.width, tile.height);
     sizes_.insert(sizes_.end(), levels.begin(), levels.end());
   }
-  if (pyramids_.empty()) return;
+  blocks_.resize(layout.level_count);
+  last_wanted_.resize(layout.level_count);
+  if (pyramids_.empty()) {
+    takeKept();
+    return;
+  }
   const uint32_t count = layout.level_count;
-  blocks_.resize(count);
-  last_wanted_.resize(count);
   levels_ = Buffer<MipLevel>(device, count, "texture levels");
   tiles_ = Buffer<TextureTile>(device, tiles.size(), "texture tiles");
   marks_ = Buffer<uint32_t>(device, count + 1, "texture marks");
@@ -70,11 +78,60 @@ TextureStore::TextureStore(Device& device, const Scene& scene, const TextureLayo
   std::fill(levels_.host().begin(), levels_.host().end(), MipLevel{});
   std::copy(tiles.begin(), tiles.end(), tiles_.host().begin());
   tables_.host()[0] = {levels_.address(), tiles_.address(), marks_.address(), count, 1};
+  takeKept();
   levels_.toDevice();
   tiles_.toDevice();
   tables_.toDevice();
   table_bytes_ = levels_.raw().bytes() + tiles_.raw().bytes() + marks_.raw().bytes() + tables_.raw().bytes();
   peak_ = bytes();
+}
+
+// What is left of the scene before, within the budget. Of other textures nothing stays.
+void TextureStore::takeKept() {
+  if (!cache_) return;
+  const auto release = [&](ResidentTexture& texture) {
+    for (TextureHeap::Block& block : texture.blocks)
+      if (block.halves) heap_->release(block);
+  };
+  std::map<const TextureSource*, ResidentTexture> left;
+  for (ResidentTexture& texture : cache_->takeTextures())
+    if (const auto [known, first] = left.try_emplace(texture.source.get(), texture); !first) release(texture);
+  for (Pyramid& pyramid : pyramids_) {
+    const Texture& texture = scene_.textures[pyramid.texture];
+    const auto found = left.find(texture.rgba.empty() ? texture.source.get() : nullptr);
+    if (found == left.end()) continue;
+    const ResidentTexture& kept = found->second;
+    if (kept.width != texture.width || kept.height != texture.height) continue;
+    pyramid.resident = kept.resident, pyramid.kept = true, ++kept_;
+    for (uint32_t i = kept.resident; i < pyramid.level_count; ++i) {
+      const uint32_t level = pyramid.first_level + i;
+      blocks_[level] = kept.blocks[i];
+      levels_.host()[level] = {heap_->address(blocks_[level]), sizes_[level].width, sizes_[level].height};
+      resident_ += levelBytes(level);
+    }
+    left.erase(found);
+  }
+  for (auto& [source, texture] : left) release(texture);
+  makeRoom(0);
+}
+
+void TextureStore::leaveKept() {
+  std::vector<ResidentTexture> textures;
+  for (const Pyramid& pyramid : pyramids_) {
+    const Texture& texture = scene_.textures[pyramid.texture];
+    const auto first = blocks_.begin() + pyramid.first_level;
+    if (texture.rgba.empty() && texture.source && !pyramid.kept && pyramid.resident < pyramid.level_count)
+      textures.push_back(
+          {texture.source, texture.width, texture.height, pyramid.resident, {first, first + pyramid.level_count}});
+    else
+      for (auto block = first; block != first + pyramid.level_count; ++block)
+        if (block->halves) heap_->release(*block);
+  }
+  cache_->leaveTextures(std::move(textures));
+}
+
+TextureStore::~TextureStore() {
+  if (cache_) leaveKept();
 }
 
 uint64_t TextureStore::bytes() const { return resident_ + table_bytes_; }
@@ -86,17 +143,20 @@ uint64_t TextureStore::rangeBytes(const Pyramid& pyramid, uint32_t begin, uint32
 }
 
 void TextureStore::beginBatch() {
-  if (resident_ == total_) return;
+  if (settled()) return;
   std::fill(marks_.host().begin(), marks_.host().end(), 0u);
   marks_.toDevice();
 }
 
 bool TextureStore::endBatch() {
-  if (resident_ == total_) return true;
+  if (settled()) return true;
   marks_.toHost();
   ++batch_;
   readMarks();
-  if (marks_.host().back() == 0) return true;
+  if (marks_.host().back() == 0) {
+    updateMarking();
+    return true;
+  }
 
   uint64_t needed = 0, missing = 0;
   for (const Pyramid& pyramid : pyramids_) {
@@ -109,9 +169,13 @@ bool TextureStore::endBatch() {
   levels_.toDevice();
   for (Pyramid& pyramid : pyramids_)
     if (pyramid.wanted < pyramid.resident) load(pyramid);
-  tables_.host()[0].marking = resident_ != total_;
-  tables_.toDevice();
+  updateMarking();
   return false;
+}
+
+void TextureStore::updateMarking() {
+  const uint32_t marking = !settled();
+  if (std::exchange(tables_.host()[0].marking, marking) != marking) tables_.toDevice();
 }
 
 void TextureStore::readMarks() {
@@ -121,6 +185,10 @@ void TextureStore::readMarks() {
     while (pyramid.wanted < pyramid.level_count && !marks[pyramid.first_level + pyramid.wanted]) ++pyramid.wanted;
     for (uint32_t level = pyramid.wanted; level < pyramid.level_count; ++level)
       last_wanted_[pyramid.first_level + level] = batch_;
+    if (pyramid.kept && pyramid.wanted < pyramid.level_count) {
+      pyramid.kept = false, --kept_;
+      if (pyramid.wanted >= pyramid.resident) scene_.textures[pyramid.texture].source->reused();
+    }
   }
 }
 
@@ -145,7 +213,8 @@ void TextureStore::makeRoom(uint64_t bytes) {
 void TextureStore::evictFinest(Pyramid& pyramid) {
   const uint32_t level = pyramid.first_level + pyramid.resident++;
   levels_.host()[level] = {};
-  heap_.release(blocks_[level]);
+  heap_->release(blocks_[level]);
+  if (pyramid.resident == pyramid.level_count && pyramid.kept) pyramid.kept = false, --kept_;
   resident_ -= levelBytes(level);
 }
 
@@ -157,6 +226,7 @@ void TextureStore::load(Pyramid& pyramid) {
     made[level].resize(sizes_[pyramid.first_level + level].texels() * 4);
   const std::vector<std::span<uint16_t>> levels(made.begin(), made.end());
   if (texture.rgba.empty()) {
+    if (cache_ && pyramid.resident == pyramid.level_count) cache_->countRead();
     const std::vector<uint16_t> pixels = readPixels(texture);
     buildPyramid(pixels, texture.width, texture.height, levels);
   } else {
@@ -164,10 +234,10 @@ void TextureStore::load(Pyramid& pyramid) {
   }
   while (pyramid.resident > pyramid.wanted) {
     const uint32_t finer = pyramid.resident - 1, level = pyramid.first_level + finer;
-    blocks_[level] = heap_.allocate(made[finer].size());
-    std::copy(made[finer].begin(), made[finer].end(), heap_.host(blocks_[level]).begin());
-    heap_.toDevice(blocks_[level]);
-    levels_.host()[level] = {heap_.address(blocks_[level]), sizes_[level].width, sizes_[level].height};
+    blocks_[level] = heap_->allocate(made[finer].size());
+    std::copy(made[finer].begin(), made[finer].end(), heap_->host(blocks_[level]).begin());
+    heap_->toDevice(blocks_[level]);
+    levels_.host()[level] = {heap_->address(blocks_[level]), sizes_[level].width, sizes_[level].height};
     resident_ += levelBytes(level);
     --pyramid.resident;
     levels_.toDevice(level, 1);

@@ -2,9 +2,11 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <vector>
 
+#include "core/pattern/pattern_cache.h"
 #include "core/pattern/texture_heap.h"
 #include "core/pattern/texture_nodes.h"
 #include "core/pattern/texture_pyramid.h"
@@ -19,9 +21,13 @@ namespace encore {
 class TextureStore {
  public:
   // Keeps a reference to the scene. tiles: what tables of nodes refer to. budget_bytes: of resident levels, up to
-  // most_bytes where one batch needs more.
+  // most_bytes where one batch needs more. cache: levels that are in it are resident at once, and what has been wanted
+  // goes back into it at the end; it must outlive this. Null: none.
   TextureStore(Device& device, const Scene& scene, const TextureLayout& layout, std::span<const TextureTile> tiles,
-               uint64_t budget_bytes, uint64_t most_bytes);
+               uint64_t budget_bytes, uint64_t most_bytes, PatternCache* cache = nullptr);
+  ~TextureStore();
+  TextureStore(const TextureStore&) = delete;
+  TextureStore& operator=(const TextureStore&) = delete;
 
   uint64_t tablesAddress() const { return tables_.address(); }
   void beginBatch();
@@ -47,10 +53,16 @@ class TextureStore {
     uint32_t texture, first_level, level_count;
     uint32_t resident;  // the finest level that is resident; level_count: none
     uint32_t wanted;    // the finest level that the batch wants
+    bool kept = false;  // its levels are of a scene before, and no batch has wanted any of them yet
   };
   uint64_t levelBytes(uint32_t level) const { return sizes_[level].texels() * 4 * sizeof(uint16_t); }
   uint64_t rangeBytes(const Pyramid& pyramid, uint32_t begin, uint32_t end) const;
+  void takeKept();
+  void leaveKept();
+  // Everything is there, and it is known that it is wanted: nothing can be learned from marks.
+  bool settled() const { return resident_ == total_ && kept_ == 0; }
   void readMarks();
+  void updateMarking();
   void makeRoom(uint64_t bytes);
   void evictFinest(Pyramid& pyramid);
   void load(Pyramid& pyramid);
@@ -60,7 +72,9 @@ class TextureStore {
   uint64_t budget_, most_, total_ = 0;  // total: of all levels
   uint64_t resident_ = 0, table_bytes_ = 0, peak_ = 0;
   uint64_t batch_ = 0;
-  TextureHeap heap_;
+  PatternCache* cache_;
+  std::shared_ptr<TextureHeap> heap_;
+  uint32_t kept_ = 0;  // pyramids that are
   std::vector<Pyramid> pyramids_;
   std::vector<PyramidLevel> sizes_;         // per level
   std::vector<TextureHeap::Block> blocks_;  // per level

@@ -13,6 +13,7 @@
 
 #include "core/python/nanobind.h"
 #include "core/scene/math.h"
+#include "core/scene/shared_vector.h"
 
 namespace encore::python {
 
@@ -81,6 +82,10 @@ template <class T>
 nb::object copyToNumpy(const std::vector<T>& values) {
   const size_t size = values.size();
   return toNumpy(std::vector<T>(values), {size});
+}
+template <class T>
+nb::object copyToNumpy(const SharedVector<T>& values) {
+  return copyToNumpy(values.get());
 }
 
 }  // namespace encore::python

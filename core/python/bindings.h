@@ -9,7 +9,8 @@ namespace encore::python {
 void bindErrors(nanobind::module_& module);
 void bindScene(nanobind::module_& module);
 // Parts of bindScene().
-void bindMaterials(nanobind::class_<Scene>& scene);
+void bindMeshes(nanobind::module_& module, nanobind::class_<Scene>& scene);
+void bindMaterials(nanobind::module_& module, nanobind::class_<Scene>& scene);
 void bindLights(nanobind::class_<Scene>& scene);
 void bindRender(nanobind::module_& module);
 

@@ -22,11 +22,12 @@ size_t addTexture(Scene& scene, std::string path, const PixelArray& pixels) {
 // Pixels from a Python function; the interpreter's lock is taken for each call.
 class PythonSource : public TextureSource {
  public:
-  PythonSource(std::string path, uint32_t width, uint32_t height, nb::object read)
-      : path_(std::move(path)), width_(width), height_(height), read_(std::move(read)) {}
+  PythonSource(std::string path, uint32_t width, uint32_t height, nb::object read, nb::object reused)
+      : path_(std::move(path)), width_(width), height_(height), read_(std::move(read)), reused_(std::move(reused)) {}
   ~PythonSource() override {
     const nb::gil_scoped_acquire lock;
     read_.reset();
+    reused_.reset();
   }
   PythonSource(const PythonSource&) = delete;
   PythonSource& operator=(const PythonSource&) = delete;
@@ -41,18 +42,30 @@ class PythonSource : public TextureSource {
       throw Error(ErrorKind::Scene, "the texture changed its size while it was read", path_, "Do not write to it");
     std::copy_n(halves.data(), std::min(halves.size(), rgba.size()), rgba.begin());
   }
+  void reused() const override {
+    const nb::gil_scoped_acquire lock;
+    if (!reused_.is_none()) reused_();
+  }
 
  private:
   std::string path_;
   uint32_t width_, height_;
-  nb::object read_;
+  nb::object read_, reused_;
 };
 
-size_t addTextureSource(Scene& scene, std::string path, uint32_t width, uint32_t height, nb::object read) {
+Texture makeTexture(std::string path, uint32_t width, uint32_t height, nb::object read, nb::object reused) {
   Texture texture{path, width, height, {}, {}};
-  texture.source = std::make_shared<PythonSource>(std::move(path), width, height, std::move(read));
-  scene.textures.push_back(std::move(texture));
+  texture.source = std::make_shared<PythonSource>(std::move(path), width, height, std::move(read), std::move(reused));
+  return texture;
+}
+
+size_t addTextureHandle(Scene& scene, const Texture& texture) {
+  scene.textures.push_back(texture);
   return scene.textures.size() - 1;
+}
+
+size_t addTextureSource(Scene& scene, std::string path, uint32_t width, uint32_t height, nb::object read) {
+  return addTextureHandle(scene, makeTexture(std::move(path), width, height, std::move(read), nb::none()));
 }
 
 PatternNode toNode(nb::handle source) {
@@ -139,7 +152,23 @@ size_t addMaterial(Scene& scene, std::string path, const nb::dict& inputs, const
 
 }  // namespace
 
-void bindMaterials(nb::class_<Scene>& scene) {
+void bindMaterials(nb::module_& module, nb::class_<Scene>& scene) {
+  nb::class_<Texture>(module, "Texture",
+                      "A texture that scenes can take again and again. Frames that follow one another with one\n"
+                      "RenderCache read it once.")
+      .def(
+          "__init__",
+          [](Texture* self, std::string path, uint32_t width, uint32_t height, nb::object read, nb::object reused) {
+            new (self) Texture(makeTexture(std::move(path), width, height, std::move(read), std::move(reused)));
+          },
+          nb::arg("path"), nb::arg("width"), nb::arg("height"), nb::arg("read"), nb::arg("reused") = nb::none(),
+          "read(): (height, width, 4) float16, linear, bottom row first; always the same. It may be called from\n"
+          "another thread. reused(): called instead by frames that still have what it gave, so that it can report\n"
+          "again what it found.")
+      .def_ro("path", &Texture::path)
+      .def_ro("width", &Texture::width)
+      .def_ro("height", &Texture::height);
+  scene.def("add_texture", &addTextureHandle, nb::arg("texture"), "Adds a texture; its index.");
   scene.def("add_texture", &addTexture, nb::arg("path"), nb::arg("pixels"),
             "Adds linear pixels (height, width, 4) float32, bottom row first; the texture's index.");
   scene.def(

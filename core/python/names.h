@@ -34,6 +34,14 @@ inline constexpr Names<FaceVaryingInterpolation, 6> kFaceVarying{
      {"all", FaceVaryingInterpolation::All}}};
 inline constexpr Names<TriangleSubdivision, 2> kTriangleSubdivisions{
     {{"catmullClark", TriangleSubdivision::CatmullClark}, {"smooth", TriangleSubdivision::Smooth}}};
+inline constexpr Names<Shape, 3> kShapes{
+    {{"faces", Shape::Faces}, {"curves", Shape::Curves}, {"points", Shape::Points}}};
+inline constexpr Names<CurveBasis, 4> kCurveBases{{{"linear", CurveBasis::Linear},
+                                                   {"bezier", CurveBasis::Bezier},
+                                                   {"bspline", CurveBasis::BSpline},
+                                                   {"catmullRom", CurveBasis::CatmullRom}}};
+inline constexpr Names<CurveWrap, 3> kCurveWraps{
+    {{"nonperiodic", CurveWrap::Nonperiodic}, {"periodic", CurveWrap::Periodic}, {"pinned", CurveWrap::Pinned}}};
 inline constexpr Names<Interpolation, 5> kInterpolations{{{"constant", Interpolation::Constant},
                                                           {"uniform", Interpolation::Uniform},
                                                           {"vertex", Interpolation::Vertex},
@@ -76,6 +84,13 @@ inline constexpr Names<FilterKind, 4> kFilters{{{"box", FilterKind::Box},
                                                 {"gaussian", FilterKind::Gaussian},
                                                 {"mitchell", FilterKind::Mitchell},
                                                 {"blackman-harris", FilterKind::BlackmanHarris}}};
+inline constexpr Names<Aov::Kind, 7> kAovKinds{{{"position", Aov::Kind::Position},
+                                                {"eyePosition", Aov::Kind::EyePosition},
+                                                {"eyeNormal", Aov::Kind::EyeNormal},
+                                                {"primvar", Aov::Kind::Primvar},
+                                                {"primId", Aov::Kind::PrimId},
+                                                {"instanceId", Aov::Kind::InstanceId},
+                                                {"elementId", Aov::Kind::ElementId}}};
 inline constexpr Names<ErrorKind, 6> kErrorKinds{{{"scene", ErrorKind::Scene},
                                                   {"setting", ErrorKind::Setting},
                                                   {"device", ErrorKind::Device},
@@ -95,6 +110,7 @@ constexpr const auto& namesOf(Method) { return kMethods; }
 constexpr const auto& namesOf(Search) { return kSearches; }
 constexpr const auto& namesOf(FootprintReuse) { return kFootprintReuses; }
 constexpr const auto& namesOf(FilterKind) { return kFilters; }
+constexpr const auto& namesOf(Aov::Kind) { return kAovKinds; }
 
 // The value called `name`. Throws Error(error_kind) at `where` that lists the names there are.
 template <class E, size_t N>

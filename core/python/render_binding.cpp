@@ -2,13 +2,16 @@
 #include <embree3/rtcore.h>
 #include <opensubdiv/version.h>
 
+#include <array>
 #include <exception>
 #include <functional>
+#include <memory>
 #include <type_traits>
 
 #include "core/python/arrays.h"
 #include "core/python/bindings.h"
 #include "core/python/names.h"
+#include "core/render/render_cache.h"
 #include "core/render/render_loop.h"
 
 namespace encore::python {
@@ -95,11 +98,55 @@ void forEachField(S& s, const Visit& visit) {
   visit("roughness_limit", s.roughness_limit);
 }
 
+// None: the image.
+Window toWindow(nb::handle value) {
+  if (value.is_none()) return {};
+  std::array<int32_t, 4> w{};
+  if (!nb::try_cast(value, w) || w[2] <= w[0] || w[3] <= w[1])
+    throw Error(ErrorKind::Setting, "value " + nb::cast<std::string>(nb::repr(value)) + " cannot be used", "window",
+                "Give pixels (x0, y0, x1, y1) with x0 < x1 and y0 < y1, or None");
+  return {w[0], w[1], w[2], w[3]};
+}
+
+Aov toAov(nb::handle value) {
+  if (!nb::isinstance<nb::dict>(value))
+    throw Error(ErrorKind::Setting, "value " + nb::cast<std::string>(nb::repr(value)) + " cannot be used", "aovs",
+                "Give dictionaries with 'kind' and 'name'");
+  Aov aov;
+  for (const auto& [key, field] : nb::cast<nb::dict>(value)) {
+    const std::string name = nb::cast<std::string>(nb::str(key));
+    const std::string where = "aovs." + name;
+    if (name == "kind")
+      convert(where, field, aov.kind);
+    else if (name == "name")
+      convert(where, field, aov.name);
+    else if (name == "primvar")
+      convert(where, field, aov.primvar);
+    else if (name == "components")
+      convert(where, field, aov.components);
+    else
+      throw Error(ErrorKind::Setting, "there is no such field", where, "Give kind, name, primvar or components");
+  }
+  return aov;
+}
+
+// What is not a number, a text or a choice. False: there is no such setting.
+bool convertList(const std::string& name, nb::handle value, Settings& settings) {
+  if (name == "window") {
+    settings.window = toWindow(value);
+    return true;
+  }
+  if (name != "aovs") return false;
+  if (value.is_none()) return true;
+  for (const nb::handle aov : value) settings.aovs.push_back(toAov(aov));
+  return true;
+}
+
 Settings toSettings(const nb::dict& given) {
   Settings settings;
   for (const auto& [key, value] : given) {
     const std::string name = nb::cast<std::string>(nb::str(key));
-    bool found = false;
+    bool found = convertList(name, value, settings);
     forEachField(settings, [&](const char* field_name, auto& field) {
       if (name != field_name) return;
       found = true;
@@ -162,12 +209,23 @@ nb::dict readStatistics(const Statistics& statistics) {
   return d;
 }
 
+nb::object readAov(AovImage&& image, size_t height, size_t width) {
+  if (image.values.empty()) return toNumpy(std::move(image.ids), {height, width});
+  return toNumpy(std::move(image.values), {height, width, size_t{image.components}});
+}
+
+// How the images of a frame are called.
+struct ImageNames {
+  std::vector<Layer> layers;
+  std::vector<Aov> aovs;
+};
+
 // The arrays take over the images' memory.
-nb::dict readImages(FilmImages&& images, const std::vector<Layer>& names) {
+nb::dict readImages(FilmImages&& images, const ImageNames& names) {
   const size_t height = images.rect.height(), width = images.rect.width();
-  nb::dict layers, debug, d;
+  nb::dict layers, debug, aovs, d;
   for (size_t i = 0; i < images.layers.size(); ++i)
-    layers[layerName(names[i])] = toNumpy(std::move(images.layers[i]), {height, width});
+    layers[layerName(names.layers[i])] = toNumpy(std::move(images.layers[i]), {height, width});
   d["layers"] = layers;
   d["composite"] = toNumpy(std::move(images.composite), {height, width});
   d["alpha"] = toNumpy(std::move(images.alpha), {height, width});
@@ -180,8 +238,11 @@ nb::dict readImages(FilmImages&& images, const std::vector<Layer>& names) {
     l["reshaded"] = toNumpy(std::move(from.reshaded), {height, width});
     l["distance"] = toNumpy(std::move(from.distance), {height, width});
     l["id"] = toNumpy(std::move(from.id), {height, width});
-    debug[layerName(names[i])] = l;
+    debug[layerName(names.layers[i])] = l;
   }
+  for (size_t i = 0; i < images.aovs.size(); ++i)
+    aovs[names.aovs[i].name.c_str()] = readAov(std::move(images.aovs[i]), height, width);
+  if (!images.aovs.empty()) d["aovs"] = aovs;
   if (!images.debug.empty()) d["debug"] = debug;
   return d;
 }
@@ -201,11 +262,11 @@ class PythonCallbacks {
       return false;
     }
   }
-  void operator()(FilmImages&& images, const std::vector<Layer>& layers) {
+  void operator()(FilmImages&& images, const ImageNames& names) {
     const nb::gil_scoped_acquire gil;
     try {
-      const uint32_t x0 = images.rect.x0, y0 = images.rect.y0;
-      tile_(x0, y0, readImages(std::move(images), layers));
+      const int32_t x0 = images.rect.x0, y0 = images.rect.y0;
+      tile_(x0, y0, readImages(std::move(images), names));
     } catch (...) {
       raised_ = std::current_exception();
       throw Error(ErrorKind::Cancelled, "the receiver of tiles failed");
@@ -222,28 +283,62 @@ class PythonCallbacks {
 };
 
 nb::dict renderScene(Scene& scene, const nb::dict& given, std::shared_ptr<Device> device, nb::object progress,
-                     nb::object tile) {
+                     nb::object tile, std::shared_ptr<RenderCache> cache) {
   const Settings settings = toSettings(given);
   PythonCallbacks callbacks(std::move(progress), std::move(tile));
   Frame frame;
   try {
     const nb::gil_scoped_release release;
     settings.validate();
+    if (!device && cache) device = cache->device();
     if (!device) device = Device::create();
     TileSink sink;
     if (callbacks.takesTiles()) {
-      const std::vector<Layer> layers = sceneLayers(scene, settings);
-      sink = [&callbacks, layers](FilmImages&& images) { callbacks(std::move(images), layers); };
+      const ImageNames names{sceneLayers(scene, settings), settings.aovs};
+      sink = [&callbacks, names](FilmImages&& images) { callbacks(std::move(images), names); };
     }
-    frame = render(scene, settings, *device, std::ref(callbacks), sink);
+    frame = render(scene, settings, *device, std::ref(callbacks), sink, cache.get());
   } catch (const Error&) {
     callbacks.rethrow();  // what stopped the frame, rather than that it was stopped
     throw;
   }
   nb::dict result;
-  if (!callbacks.takesTiles()) result = readImages(std::move(frame.images), frame.layers);
+  if (!callbacks.takesTiles()) result = readImages(std::move(frame.images), {frame.layers, settings.aovs});
   result["statistics"] = readStatistics(frame.statistics);
   return result;
+}
+
+nb::dict readCounts(const RenderCache::Counts& counts) {
+  nb::dict d;
+  d["meshes"] = counts.meshes;
+  d["prototypes"] = counts.prototypes;
+  d["programs"] = counts.programs;
+  d["kernels"] = counts.kernels;
+  d["textures"] = counts.textures;
+  d["light_images"] = counts.light_images;
+  return d;
+}
+
+void bindCache(nb::module_& module) {
+  // A frame that holds the cache may be waiting for the interpreter.
+  const auto read = [](auto counts) {
+    return [counts](const RenderCache& cache) {
+      const nb::gil_scoped_release release;
+      return std::invoke(counts, cache);
+    };
+  };
+  nb::class_<RenderCache>(module, "RenderCache",
+                          "What frames leave behind for those that follow: a frame after an edit makes anew only what\n"
+                          "was edited, and is the same to the last bit. Frames share what their scenes' Mesh and\n"
+                          "Texture objects share; what a frame does not use leaves the cache.")
+      .def(nb::init<>())
+      .def_prop_ro(
+          "made", [read](const RenderCache& cache) { return readCounts(read(&RenderCache::made)(cache)); },
+          "What the last frame made anew: 'meshes' diced, 'prototypes' built, 'programs' of materials and 'kernels'\n"
+          "compiled, 'textures' read and 'light_images' decoded.")
+      .def_prop_ro(
+          "held", [read](const RenderCache& cache) { return readCounts(read(&RenderCache::held)(cache)); },
+          "The same of all that it holds.");
 }
 
 nb::dict traceRaw(Scene& scene, const nb::dict& given) {
@@ -287,17 +382,26 @@ void bindRender(nb::module_& module) {
       "Versions of the libraries that decide what an image looks like.");
   module.def(
       "default_settings", [] { return readSettings(Settings{}); },
-      "Every setting and its default; the keys that render() knows.");
-  module.def("render", &renderScene, nb::arg("scene"), nb::arg("settings"), nb::arg("device") = nb::none(),
-             nb::arg("progress") = nb::none(), nb::arg("tile") = nb::none(),
-             "Renders one frame.\n\n"
-             "settings: see default_settings(). progress(done, stage): called now and then with done in [0, 1];\n"
-             "returning False cancels, and what it raises is raised here. The scene must not change meanwhile.\n"
-             "Result: 'layers' (name → (height, width, 3)), 'composite' and 'normal' (height, width, 3), 'alpha'\n"
-             "and 'depth' (height, width), with debug_aovs 'debug' (layer → 'evaluations', 'reshaded', 'distance'\n"
-             "(height, width) and 'id' (height, width, 3)), all float32, and 'statistics'. Raises Error.\n"
-             "tile(x0, y0, images): takes these arrays rectangle by rectangle as they become final, in rows of one\n"
-             "height, each pixel once; the result then holds only 'statistics'.");
+      "Every setting and its default; the keys that render() knows, besides 'window' and 'aovs'.");
+  bindCache(module);
+  module.def(
+      "render", &renderScene, nb::arg("scene"), nb::arg("settings"), nb::arg("device") = nb::none(),
+      nb::arg("progress") = nb::none(), nb::arg("tile") = nb::none(), nb::arg("cache") = nb::none(),
+      "Renders one frame.\n\n"
+      "settings: see default_settings(), and 'window': the pixels (x0, y0, x1, y1) to be rendered of the plane\n"
+      "of the image, which is width × height; beyond it is overscan; None: the image. 'aovs': dictionaries of\n"
+      "'kind' (position, eyePosition, eyeNormal, primvar, primId, instanceId or elementId), 'name' and, of\n"
+      "primvars, 'primvar' and 'components' (1 to 4). progress(done, stage): called now and then with done in [0, 1];\n"
+      "returning False cancels, and what it raises is raised here. The scene must not change meanwhile.\n"
+      "Result, of the window: 'layers' (name → (height, width, 3)), 'composite' and 'normal' (height, width, 3), "
+      "'alpha'\n"
+      "and 'depth' (height, width), with debug_aovs 'debug' (layer → 'evaluations', 'reshaded', 'distance'\n"
+      "(height, width) and 'id' (height, width, 3)), with aovs 'aovs' (name → (height, width, components),\n"
+      "ids int32 (height, width)), all others float32, and 'statistics'. Raises Error.\n"
+      "tile(x0, y0, images): takes these arrays rectangle by rectangle as they become final, in rows of one\n"
+      "height, each pixel once, counted from the window's upper left one; the result then holds only\n"
+      "'statistics'.\n"
+      "cache: of frames before, for frames that follow. With one and no device, the device is that of the last.");
   module.def("trace_raw", &traceRaw, nb::arg("scene"), nb::arg("settings"),
              "Rays of a frame's antialiasing samples and the seconds in which Embree alone traces them, in packets of\n"
              "16 that are ready before the clock runs: what a frame is compared with. Result: 'rays', 'seconds'.");

@@ -1,4 +1,5 @@
 // _core.Scene: what the delegate hands over. Every add_ function returns the index of what it added.
+#include <algorithm>
 #include <tuple>
 
 #include "core/python/bindings.h"
@@ -9,99 +10,46 @@
 namespace encore::python {
 namespace {
 
-using KeysArray = nb::ndarray<const float, nb::shape<-1, -1, 3>, nb::c_contig, nb::device::cpu>;
 using MotionsArray = nb::ndarray<const double, nb::shape<-1, -1, 4, 4>, nb::c_contig, nb::device::cpu>;
-// (interpolation, values, indices or None)
-template <class T>
-using PrimvarTuple = std::tuple<std::string, ArrayOf<T>, OptionalArrayOf<int32_t>>;
-// (name, interpolation, values, indices or None)
-template <class T>
-using NamedPrimvarTuple = std::tuple<std::string, std::string, ArrayOf<T>, OptionalArrayOf<int32_t>>;
+// (name, wins, values): see InstancePrimvar.
+using InstancePrimvarTuple = std::tuple<std::string, bool, ArrayOf<Vec4f>>;
 
-template <class T>
-Primvar<T> makePrimvar(const Mesh& mesh, std::string name, const std::string& interpolation, const ArrayOf<T>& values,
-                       const OptionalArrayOf<int32_t>& indices) {
-  const Interpolation kind = fromName(kInterpolations, interpolation, mesh.path + "." + name);
-  return {std::move(name), kind, toVector<T>(values), toVector<int32_t>(indices)};
-}
-template <class T>
-Primvar<T> makePrimvar(const Mesh& mesh, std::string name, const std::optional<PrimvarTuple<T>>& primvar) {
-  if (!primvar) return {};
-  const auto& [interpolation, values, indices] = *primvar;
-  return makePrimvar<T>(mesh, std::move(name), interpolation, values, indices);
+// The index of a name in Scene::instance_primvars, where it is added if need be.
+uint32_t primvarName(Scene& scene, const std::string& name) {
+  std::vector<std::string>& names = scene.instance_primvars;
+  const auto found = std::find(names.begin(), names.end(), name);
+  if (found != names.end()) return uint32_t(found - names.begin());
+  names.push_back(name);
+  return uint32_t(names.size() - 1);
 }
 
-std::vector<std::vector<Vec3f>> toKeys(const std::optional<KeysArray>& array) {
-  if (!array) return {};
-  const size_t count = array->shape(1);
-  std::vector<std::vector<Vec3f>> keys(array->shape(0), std::vector<Vec3f>(count));
-  for (size_t k = 0; k < keys.size(); ++k)
-    if (count) std::memcpy(static_cast<void*>(keys[k].data()), array->data() + k * count * 3, count * sizeof(Vec3f));
-  return keys;
-}
-
-size_t addMesh(Scene& scene, std::string path, const ArrayOf<Vec3f>& points, const ArrayOf<int32_t>& face_vertex_counts,
-               const ArrayOf<int32_t>& face_vertex_indices, const std::string& scheme,
-               const std::string& interpolate_boundary, const std::string& face_varying,
-               const std::string& triangle_subdivision, bool left_handed, bool double_sided,
-               const OptionalArrayOf<int32_t>& hole_indices, const OptionalArrayOf<int32_t>& corner_indices,
-               const OptionalArrayOf<float>& corner_sharpnesses, const OptionalArrayOf<int32_t>& crease_indices,
-               const OptionalArrayOf<int32_t>& crease_lengths, const OptionalArrayOf<float>& crease_sharpnesses,
-               const std::optional<PrimvarTuple<Vec3f>>& normals,
-               const std::optional<PrimvarTuple<Vec3f>>& display_color,
-               const std::vector<NamedPrimvarTuple<Vec2f>>& texcoords, const OptionalArrayOf<int32_t>& face_materials,
-               int32_t material, float target_edge_length_world, LayerRates shading_rate,
-               const std::vector<NamedPrimvarTuple<Vec4f>>& primvars, bool thin_walled, uint32_t link_group,
-               const std::optional<KeysArray>& motion_points, const std::optional<KeysArray>& motion_normals) {
-  Mesh mesh;
-  mesh.path = std::move(path);
-  mesh.scheme = fromName(kSchemes, scheme, mesh.path + ".subdivisionScheme");
-  mesh.boundary = fromName(kBoundaries, interpolate_boundary, mesh.path + ".interpolateBoundary");
-  mesh.face_varying = fromName(kFaceVarying, face_varying, mesh.path + ".faceVaryingLinearInterpolation");
-  mesh.triangle_subdivision =
-      fromName(kTriangleSubdivisions, triangle_subdivision, mesh.path + ".triangleSubdivisionRule");
-  mesh.left_handed = left_handed;
-  mesh.double_sided = double_sided;
-
-  mesh.points = toVector<Vec3f>(points);
-  mesh.face_vertex_counts = toVector<int32_t>(face_vertex_counts);
-  mesh.face_vertex_indices = toVector<int32_t>(face_vertex_indices);
-  mesh.hole_indices = toVector<int32_t>(hole_indices);
-  mesh.corner_indices = toVector<int32_t>(corner_indices);
-  mesh.corner_sharpnesses = toVector<float>(corner_sharpnesses);
-  mesh.crease_indices = toVector<int32_t>(crease_indices);
-  mesh.crease_lengths = toVector<int32_t>(crease_lengths);
-  mesh.crease_sharpnesses = toVector<float>(crease_sharpnesses);
-
-  mesh.normals = makePrimvar<Vec3f>(mesh, "normals", normals);
-  mesh.display_color = makePrimvar<Vec3f>(mesh, "displayColor", display_color);
-  for (const auto& [name, interpolation, values, indices] : texcoords)
-    mesh.texcoords.push_back(makePrimvar<Vec2f>(mesh, name, interpolation, values, indices));
-
-  mesh.face_materials = toVector<int32_t>(face_materials);
-  mesh.material = material;
-  mesh.target_edge_length_world = target_edge_length_world;
-  mesh.shading_rate = shading_rate;
-  for (const auto& [name, interpolation, values, indices] : primvars)
-    mesh.primvars.push_back(makePrimvar<Vec4f>(mesh, name, interpolation, values, indices));
-  mesh.thin_walled = thin_walled;
-  mesh.link_group = link_group;
-  mesh.motion_points = toKeys(motion_points);
-  mesh.motion_normals = toKeys(motion_normals);
-  validateMesh(mesh, scene.materials.size());
-  scene.meshes.push_back(std::move(mesh));
-  return scene.meshes.size() - 1;
+// Of the scene's last `count` instances, one value each.
+void setInstancePrimvars(Scene& scene, size_t count, const std::vector<InstancePrimvarTuple>& primvars) {
+  if (primvars.empty()) return;
+  const size_t first = scene.instances.size() - count;
+  for (size_t i = 0; i < count; ++i) scene.instances[first + i].primvars.reserve(primvars.size());
+  for (const auto& [name, wins, values] : primvars) {
+    const uint32_t index = primvarName(scene, name);
+    const std::vector<Vec4f> all = toVector<Vec4f>(values);
+    for (size_t i = 0; i < count; ++i) scene.instances[first + i].primvars.push_back({index, wins, all[i]});
+  }
 }
 
 size_t addInstances(Scene& scene, const std::string& path, uint32_t prototype, const MatricesArray& matrices,
                     const OptionalArrayOf<int64_t>& ids, int32_t material, const OptionalArrayOf<Vec3f>& shading_rates,
-                    const std::optional<MotionsArray>& motions, int32_t link_group) {
+                    const std::optional<MotionsArray>& motions, int32_t link_group,
+                    const std::vector<InstancePrimvarTuple>& primvars) {
   const size_t count = matrices.shape(0), first = scene.instances.size();
   if (ids && ids->shape(0) != count) throw Error(ErrorKind::Internal, "there are not as many ids as matrices", path);
   if (shading_rates && shading_rates->shape(0) != count)
     throw Error(ErrorKind::Internal, "there are not as many shading rates as matrices", path);
   if (motions && motions->shape(0) != count)
     throw Error(ErrorKind::Internal, "there are not as many motions as matrices", path);
+  for (const auto& [name, wins, values] : primvars)
+    if (values.shape(0) != count)
+      throw Error(ErrorKind::Internal, "there are not as many values of " + name + " as matrices", path);
+  // By a half at least, so that many small calls do not move all that is there each time.
+  if (scene.instances.capacity() < first + count) scene.instances.reserve(std::max(first + count, first + first / 2));
   const size_t keys = motions ? motions->shape(1) : 0;
   for (size_t i = 0; i < count; ++i) {
     LayerRates rates{};
@@ -111,6 +59,34 @@ size_t addInstances(Scene& scene, const std::string& path, uint32_t prototype, c
     for (size_t k = 0; k < keys; ++k) motion[k] = toAffine(motions->data() + (i * keys + k) * 16);
     scene.instances.push_back({std::move(name), prototype, toAffine(matrices.data() + i * 16), std::move(motion),
                                material, rates, link_group});
+  }
+  setInstancePrimvars(scene, count, primvars);
+  return first;
+}
+
+size_t addEach(Scene& scene, const std::vector<std::string>& paths, const ArrayOf<int32_t>& prototypes,
+               const MatricesArray& matrices, const OptionalArrayOf<int32_t>& materials,
+               const OptionalArrayOf<Vec3f>& shading_rates, const OptionalArrayOf<int32_t>& link_groups) {
+  const size_t count = paths.size(), first = scene.instances.size();
+  const auto check = [&](size_t found, const char* what) {
+    if (found != count)
+      throw Error(ErrorKind::Internal, std::string("there are not as many ") + what + " as paths",
+                  count ? paths[0] : "instances");
+  };
+  check(prototypes.shape(0), "prototypes");
+  check(matrices.shape(0), "matrices");
+  if (materials) check(materials->shape(0), "materials");
+  if (shading_rates) check(shading_rates->shape(0), "shading rates");
+  if (link_groups) check(link_groups->shape(0), "link groups");
+  scene.instances.reserve(std::max(first + count, scene.instances.capacity()));
+  for (size_t i = 0; i < count; ++i) {
+    Instance& instance = scene.instances.emplace_back();
+    instance.path = paths[i];
+    instance.prototype = uint32_t(prototypes.data()[i]);  // a negative one is beyond them all
+    instance.to_world = toAffine(matrices.data() + i * 16);
+    if (materials) instance.material = materials->data()[i];
+    if (shading_rates) std::copy_n(shading_rates->data() + 3 * i, 3, instance.shading_rate.begin());
+    if (link_groups) instance.link_group = link_groups->data()[i];
   }
   return first;
 }
@@ -123,24 +99,6 @@ const T& at(const std::vector<T>& items, size_t index) {
 }
 
 void bindAdding(nb::class_<Scene>& scene) {
-  scene.def("add_mesh", &addMesh, nb::arg("path"), nb::arg("points"), nb::arg("face_vertex_counts"),
-            nb::arg("face_vertex_indices"), nb::kw_only(), nb::arg("scheme") = "catmullClark",
-            nb::arg("interpolate_boundary") = "edgeAndCorner", nb::arg("face_varying") = "cornersPlus1",
-            nb::arg("triangle_subdivision") = "catmullClark", nb::arg("left_handed") = false,
-            nb::arg("double_sided") = false, nb::arg("hole_indices") = nb::none(),
-            nb::arg("corner_indices") = nb::none(), nb::arg("corner_sharpnesses") = nb::none(),
-            nb::arg("crease_indices") = nb::none(), nb::arg("crease_lengths") = nb::none(),
-            nb::arg("crease_sharpnesses") = nb::none(), nb::arg("normals") = nb::none(),
-            nb::arg("display_color") = nb::none(), nb::arg("texcoords") = nb::list(),
-            nb::arg("face_materials") = nb::none(), nb::arg("material") = 0, nb::arg("target_edge_length_world") = 0.0f,
-            nb::arg("shading_rate") = LayerRates{}, nb::arg("primvars") = nb::list(), nb::arg("thin_walled") = false,
-            nb::arg("link_group") = 0, nb::arg("motion_points") = nb::none(), nb::arg("motion_normals") = nb::none(),
-            "Adds a mesh; its index. Raises Error (kind 'scene') when it cannot be rendered.\n\n"
-            "points: (n, 3) float32, prototype space; counts and indices: int32. Primvars are tuples\n"
-            "(interpolation, values, indices or None), texcoords a list of (name, interpolation, values, indices).\n"
-            "face_materials: one material index per face, -1 for `material`. Materials must be there before.\n"
-            "shading_rate: per pixel in the direct, reflection and refraction layer; 0: the frame's.\n"
-            "primvars: as texcoords, four floats to a value. motion_points and motion_normals: (keys, n, 3).");
   scene.def(
       "add_prototype",
       [](Scene& self, std::string path, std::vector<uint32_t> meshes) {
@@ -163,9 +121,17 @@ void bindAdding(nb::class_<Scene>& scene) {
       "motion: (keys, 4, 4), uniform times over the shutter.");
   scene.def("add_instances", &addInstances, nb::arg("path"), nb::arg("prototype"), nb::arg("matrices"),
             nb::arg("ids") = nb::none(), nb::arg("material") = -1, nb::arg("shading_rates") = nb::none(),
-            nb::arg("motions") = nb::none(), nb::arg("link_group") = -1,
+            nb::arg("motions") = nb::none(), nb::arg("link_group") = -1, nb::arg("primvars") = nb::list(),
             "Places a prototype once per matrix (n, 4, 4); the first index. Paths: path, or path[id] with ids.\n"
-            "shading_rates: (n, 3) float32, as add_instance's. motions: (n, keys, 4, 4).");
+            "shading_rates: (n, 3) float32, as add_instance's. motions: (n, keys, 4, 4).\n"
+            "primvars: a list of (name, wins, values), which materials read as if the meshes had them: where wins,\n"
+            "instead of the meshes' own, else where they have none. values: (n, 4) float32, missing floats 0.");
+  scene.def("add_each_instance", &addEach, nb::arg("paths"), nb::arg("prototypes"), nb::arg("matrices"),
+            nb::arg("materials") = nb::none(), nb::arg("shading_rates") = nb::none(),
+            nb::arg("link_groups") = nb::none(),
+            "Places prototypes that may differ, each once; the first index: as add_instance() for each, but much\n"
+            "faster for many. paths: n names; prototypes: (n) int32; matrices: (n, 4, 4) float64;\n"
+            "materials and link_groups: (n) int32, -1: the meshes' own; shading_rates: (n, 3) float32.");
 }
 
 void bindReading(nb::class_<Scene>& scene) {
@@ -185,7 +151,7 @@ void bindReading(nb::class_<Scene>& scene) {
         return d;
       },
       nb::arg("index"));
-  scene.def("instance", [](const Scene& s, size_t i) { return readInstance(at(s.instances, i)); }, nb::arg("index"));
+  scene.def("instance", [](const Scene& s, size_t i) { return readInstance(s, at(s.instances, i)); }, nb::arg("index"));
   scene.def("texture", [](const Scene& s, size_t i) { return readTexture(at(s.textures, i)); }, nb::arg("index"));
   scene.def("material", [](const Scene& s, size_t i) { return readMaterial(at(s.materials, i)); }, nb::arg("index"));
   scene.def("light", [](const Scene& s, size_t i) { return readLight(at(s.lights, i)); }, nb::arg("index"));
@@ -199,8 +165,9 @@ void bindScene(nb::module_& module) {
                           "What is to be rendered. Filled through the add_ functions; the others read it back as\n"
                           "dictionaries with copied arrays.");
   scene.def(nb::init<>());
+  bindMeshes(module, scene);
   bindAdding(scene);
-  bindMaterials(scene);
+  bindMaterials(module, scene);
   bindLights(scene);
   bindReading(scene);
   scene.def("validate", &Scene::validate, "Raises Error (kind 'scene') when the scene cannot be rendered.");

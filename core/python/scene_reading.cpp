@@ -105,6 +105,10 @@ nb::dict readNode(const PatternNode& node) {
 nb::dict readMesh(const Mesh& mesh) {
   nb::dict d;
   d["path"] = mesh.path;
+  d["shape"] = toName(kShapes, mesh.shape);
+  d["basis"] = toName(kCurveBases, mesh.basis);
+  d["wrap"] = toName(kCurveWraps, mesh.wrap);
+  d["widths"] = readPrimvar(mesh.widths);
   d["scheme"] = toName(kSchemes, mesh.scheme);
   d["interpolate_boundary"] = toName(kBoundaries, mesh.boundary);
   d["face_varying"] = toName(kFaceVarying, mesh.face_varying);
@@ -139,7 +143,7 @@ nb::dict readMesh(const Mesh& mesh) {
   return d;
 }
 
-nb::dict readInstance(const Instance& instance) {
+nb::dict readInstance(const Scene& scene, const Instance& instance) {
   nb::dict d;
   d["path"] = instance.path;
   d["prototype"] = instance.prototype;
@@ -148,6 +152,15 @@ nb::dict readInstance(const Instance& instance) {
   d["material"] = instance.material;
   d["link_group"] = instance.link_group;
   d["shading_rate"] = nb::make_tuple(instance.shading_rate[0], instance.shading_rate[1], instance.shading_rate[2]);
+  nb::list primvars;
+  for (const InstancePrimvar& primvar : instance.primvars) {
+    nb::dict p;
+    p["name"] = scene.instance_primvars.at(primvar.name);
+    p["wins"] = primvar.wins;
+    p["value"] = nb::make_tuple(primvar.value.x, primvar.value.y, primvar.value.z, primvar.value.w);
+    primvars.append(p);
+  }
+  d["primvars"] = primvars;
   return d;
 }
 

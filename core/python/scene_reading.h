@@ -7,7 +7,7 @@
 namespace encore::python {
 
 nanobind::dict readMesh(const Mesh& mesh);
-nanobind::dict readInstance(const Instance& instance);
+nanobind::dict readInstance(const Scene& scene, const Instance& instance);
 nanobind::dict readTexture(const Texture& texture);
 nanobind::dict readMaterial(const Material& material);
 nanobind::dict readLight(const Light& light);

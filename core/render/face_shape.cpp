@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "core/dice/spheres.h"
+
 namespace encore {
 namespace {
 
@@ -81,7 +83,11 @@ Nearest nearestOnEdges(const std::array<Plane, 3>& p) {
 
 }  // namespace
 
-FaceShape::FaceShape(const DicedMesh& mesh, uint32_t primitive) : mesh_(mesh) {
+FaceShape::FaceShape(const DicedMesh& mesh, uint32_t primitive) : mesh_(mesh), sphere_(isSpheres(mesh)) {
+  if (sphere_) {
+    largest_ = primitive, triangular_ = false;
+    return;
+  }
   const auto [first, last] =
       std::equal_range(mesh.triangle_primitive.begin(), mesh.triangle_primitive.end(), primitive);
   begin_ = uint32_t(first - mesh.triangle_primitive.begin());
@@ -146,7 +152,12 @@ void FaceShape::visitNear(Vec2f low, Vec2f high, const Visit& visit) const {
     }
 }
 
+// Parameters of spheres fill the square.
 std::optional<FacePoint> FaceShape::find(Vec2f uv) const {
+  if (sphere_) {
+    if (!(uv.x >= 0 && uv.x <= 1 && uv.y >= 0 && uv.y <= 1)) return {};
+    return FacePoint{largest_, uv.x / 2, uv.y / 2};
+  }
   Barycentric best{};
   double best_least = -kRounding;
   uint32_t best_triangle = end_;
@@ -163,6 +174,7 @@ std::optional<FacePoint> FaceShape::find(Vec2f uv) const {
 }
 
 std::optional<FacePoint> FaceShape::nearest(Vec2f uv, Vec2f step) const {
+  if (sphere_) return find({std::clamp(uv.x, 0.0f, 1.0f), std::clamp(uv.y, 0.0f, 1.0f)});
   Nearest best;
   uint32_t best_triangle = end_;
   visitNear(uv - step, uv + step, [&](uint32_t i) {
@@ -178,7 +190,7 @@ std::optional<FacePoint> FaceShape::nearest(Vec2f uv, Vec2f step) const {
 }
 
 FacePoint FaceShape::extrapolate(Vec2f uv) const {
-  if (const auto found = find(uv)) return *found;
+  if (const auto found = sphere_ ? nearest(uv, {}) : find(uv)) return *found;
   const Triangle t = triangle(largest_);
   if (!exists(largest_)) return {largest_, 0, 0};
   const Barycentric b = barycentric(plane(t.p0), plane(t.p1), plane(t.p2), plane(uv));

@@ -1,4 +1,4 @@
-// Points of one primitive by its parametric coordinates: the way back from (u, v) to a triangle.
+// Points of one primitive by its parametric coordinates: the way back from (u, v) to a triangle, or to a sphere.
 #pragma once
 
 #include <cstdint>
@@ -9,7 +9,7 @@
 
 namespace encore {
 
-// A triangle of the mesh and barycentric coordinates of its second and third vertex.
+// A triangle of the mesh and barycentric coordinates of its second and third vertex; of spheres: as Hit.
 struct FacePoint {
   uint32_t triangle = 0;
   float b1 = 0, b2 = 0;
@@ -45,6 +45,7 @@ class FaceShape {
   void visitNear(Vec2f low, Vec2f high, const Visit& visit) const;
 
   const DicedMesh& mesh_;
+  bool sphere_;
   uint32_t begin_ = 0, end_ = 0;  // triangles of the primitive
   uint32_t largest_ = 0;
   bool triangular_ = true;

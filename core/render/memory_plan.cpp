@@ -32,20 +32,37 @@ constexpr uint64_t kShadingSampleBytes = sizeof(SurfaceKey) + sizeof(Vec2f) + si
 // Of the further coordinates of the reuse distance, where they are part of it.
 uint64_t aspectBytes(const Settings& settings) { return needsAspect(settings) ? sizeof(Vec4f) : 0; }
 
+// Of the largest aov's sample: one after the other is brought to the film.
+uint64_t aovBytes(const Settings& settings) {
+  uint64_t most = 0;
+  for (const Aov& aov : settings.aovs)
+    most = std::max<uint64_t>(most, aov.kind == Aov::Kind::Primvar ? aov.components * sizeof(float) : 0);
+  return most;
+}
+
+// The longest side of tiles between borders.
+int32_t largestPart(const std::vector<int32_t>& borders, uint32_t tile) {
+  int32_t largest = 0;
+  for (size_t i = 1; i < borders.size(); ++i)
+    largest = std::max(largest, std::min(borders[i] - borders[i - 1], int32_t(tile)));
+  return largest;
+}
+
 std::string mebibytes(uint64_t bytes) { return std::to_string((bytes + (1u << 20) - 1) >> 20) + " MiB"; }
 
 }  // namespace
 
 MemoryPlan planMemory(const Settings& settings, const PlanInput& input, uint64_t budget_bytes) {
-  const uint32_t tile = settings.reuse_tile_pixels;
-  const PixelRect rect{0, 0, std::min(tile, settings.width), std::min(tile, settings.height)};
+  const FilmArea area = filmArea(settings);
+  const PixelRect rect{0, 0, largestPart(area.columns, settings.reuse_tile_pixels),
+                       largestPart(area.rows, settings.reuse_tile_pixels)};
   const uint64_t blocks =
       ((rect.width() + kBlockPixels - 1) / kBlockPixels) * uint64_t((rect.height() + kBlockPixels - 1) / kBlockPixels);
   const uint64_t slots = uint64_t(kBlockArea) * settings.samples * settings.samples;
 
   MemoryPlan plan;
-  plan.fixed_bytes = Film::tileBytes(rect, settings.width, settings.filter_radius_pixels, uint32_t(input.layers.size()),
-                                     settings.debug_aovs);
+  plan.fixed_bytes = Film::areaBytes(area, rect, settings.filter_radius_pixels, uint32_t(input.layers.size()),
+                                     settings.debug_aovs, settings.aovs);
   uint64_t block_seeds = 0;
   if (settings.method == Method::Reuse)
     for (const PlanInput::LayerInput& layer : input.layers) {
@@ -57,7 +74,7 @@ MemoryPlan planMemory(const Settings& settings, const PlanInput& input, uint64_t
   plan.bytes_per_seed_block =
       block_seeds * (sizeof(FirstHit) + sizeof(PathVertex) + sizeof(Vec3f) + kPathStateBytes + input.path_state_bytes);
   const uint64_t per_slot = input.path_state_bytes + sizeof(FirstHit) + 2 * sizeof(PathVertex) + kPathStateBytes +
-                            kAaSampleBytes + aspectBytes(settings) + kFilmSampleBytes +
+                            kAaSampleBytes + aspectBytes(settings) + kFilmSampleBytes + aovBytes(settings) +
                             input.layers.size() * sizeof(Vec3f);
   plan.bytes_per_block =
       slots * per_slot + ReuseKernels::failureBytes(slots) + Film::partialBytes(1, settings.filter_radius_pixels);

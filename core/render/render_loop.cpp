@@ -16,9 +16,11 @@
 #include "core/dice/dice.h"
 #include "core/path/footprint.h"
 #include "core/pattern/patterns.h"
+#include "core/render/aov_film.h"
 #include "core/render/layer_search.h"
 #include "core/render/memory_plan.h"
 #include "core/render/rebased.h"
+#include "core/render/render_cache.h"
 #include "core/render/samples.h"
 #include "core/render/seeds.h"
 #include "core/render/shading_rates.h"
@@ -55,18 +57,22 @@ void expose(FilmImages& images, float scale) {
 class FrameRenderer {
  public:
   FrameRenderer(const Scene& scene, const Settings& settings, Device& device, const Progress& progress,
-                const TileSink& sink)
-      : scene_(scene), settings_(settings), device_(device), progress_(progress), sink_(sink) {}
+                const TileSink& sink, const RenderCache::Use* cache)
+      : scene_(scene), settings_(settings), device_(device), progress_(progress), sink_(sink), cache_(cache) {}
 
   Frame render() {
     StageTimer timer(statistics_.time_s["total"]);
     prepare();
-    WholeFrame whole(settings_.width, settings_.height);
+    const PixelRect window = windowOf(settings_);
+    WholeFrame whole(window.width(), window.height());
     const std::vector<ReuseTile> tiles = reuseTiles(settings_);
-    for (const ReuseTile& tile : tiles) total_blocks_ += tile.blocks.size();
+    for (const ReuseTile& tile : tiles) total_blocks_ += tile.rendered.size();
     for (const ReuseTile& tile : tiles) {
       FilmImages images = renderTile(tile);
+      if (images.rect.area() == 0) continue;
       expose(images, scene_.camera.exposure_scale);
+      images.rect = {images.rect.x0 - window.x0, images.rect.y0 - window.y0, images.rect.x1 - window.x0,
+                     images.rect.y1 - window.y0};
       if (sink_)
         sink_(std::move(images));
       else
@@ -85,15 +91,15 @@ class FrameRenderer {
     report(0, "dice");
     {
       StageTimer timer(statistics_.time_s["dice"]);
-      patterns_.emplace(device_, scene_, settings_);
-      diced_ = diceScene(scene_, settings_, &*patterns_);
+      patterns_.emplace(device_, scene_, settings_, cache_ ? cache_->patterns() : nullptr);
+      diced_ = diceScene(scene_, settings_, &*patterns_, cache_ ? cache_->dice() : nullptr);
     }
     report(0, "build");
     {
       StageTimer timer(statistics_.time_s["build"]);
       std::vector<uint8_t> passes;
       for (const Material& material : scene_.materials) passes.push_back(passesShadows(material, settings_));
-      trace_.emplace(scene_, diced_, settings_.world_space_parameters, passes);
+      trace_.emplace(scene_, diced_, settings_.world_space_parameters, passes, cache_ ? cache_->trace() : nullptr);
     }
     layers_ = sceneLayers(scene_, settings_);
     rates_.emplace(scene_, settings_);
@@ -102,11 +108,13 @@ class FrameRenderer {
     search_.emplace(scene_, settings_, *trace_, *rates_, *kernels_);
     plan();
     const uint32_t per_pixel = settings_.samples * settings_.samples;
-    film_.emplace(device_, settings_.width, settings_.height, settings_.filter, settings_.filter_radius_pixels,
-                  uint32_t(layers_.size()), per_pixel, settings_.debug_aovs);
+    film_.emplace(device_, filmArea(settings_), settings_.filter, settings_.filter_radius_pixels,
+                  uint32_t(layers_.size()), per_pixel, settings_.debug_aovs, settings_.aovs);
     shading_.resize(layers_.size());
-    context_.emplace(ShadeContext{scene_, settings_, *trace_, *patterns_, rays_traced_});
+    context_.emplace(ShadeContext{scene_, settings_, *trace_, *patterns_, rays_traced_,
+                                  LightSet(scene_, settings_, *trace_, cache_ ? cache_->lights() : nullptr)});
     seeds_.emplace(*context_, *camera_, *rates_, device_, layers_);
+    if (!settings_.aovs.empty()) aovs_.emplace(*context_, *camera_, device_);
     if (settings_.method == Method::Vertex) checkVertexMethod();
     if (settings_.method == Method::Vertex) vertex_shading_.emplace(*context_, *camera_, diced_);
     aa_.samples_per_pixel = per_pixel;
@@ -151,7 +159,8 @@ class FrameRenderer {
     film_samples_.normal.reserve(device_, slots, "film normal");
     // Without other layers, first hits are only needed by failures, which can be traced again, unless what they
     // passed on their way would have to be asked again too.
-    if (layers_.size() > 1 || search_->needsFirstHits() || passesThrough(scene_)) first_.resize(slots);
+    if (layers_.size() > 1 || search_->needsFirstHits() || passesThrough(scene_) || AovFilm::needsFirstHits(settings_))
+      first_.resize(slots);
     if (layers_.size() > 1) vertices_.resize(slots);
     depth_.resize(slots / aa_.samples_per_pixel);
   }
@@ -164,14 +173,16 @@ class FrameRenderer {
                     [&](double share) { reportTile(tile, kSeedShare * share); });
     buildIndices();
     // Trace antialiasing rays and reuse shading (lines 8-39), in batches of whole blocks.
-    for (size_t b = 0; b < tile.blocks.size(); b += plan_.blocks_per_batch) {
-      const size_t count = std::min<size_t>(plan_.blocks_per_batch, tile.blocks.size() - b);
-      renderBatch(std::span(tile.blocks).subspan(b, count));
-      reportTile(tile, kSeedShare + (1 - kSeedShare) * double(b + count) / double(tile.blocks.size()));
+    for (size_t b = 0; b < tile.rendered.size(); b += plan_.blocks_per_batch) {
+      const size_t count = std::min<size_t>(plan_.blocks_per_batch, tile.rendered.size() - b);
+      renderBatch(std::span(tile.rendered).subspan(b, count));
+      reportTile(tile, kSeedShare + (1 - kSeedShare) * double(b + count) / double(tile.rendered.size()));
     }
-    finished_blocks_ += tile.blocks.size();
+    finished_blocks_ += tile.rendered.size();
     StageTimer timer(statistics_.time_s["film"]);
-    return film_->finishTile();
+    FilmImages images = film_->finishTile();
+    if (aovs_) aovs_->finish(images);
+    return images;
   }
 
   // Line 7 of Listing 3. Without seeds everything fails, and methods differ in what failures share.
@@ -193,6 +204,7 @@ class FrameRenderer {
   void renderBatch(std::span<const BlockOrigin> blocks) {
     const size_t pixels = blocks.size() * kBlockArea, count = pixels * aa_.samples_per_pixel;
     aa_.count = uint32_t(count);
+    for (const BlockOrigin block : blocks) antialiasing_samples_ += blockSamples(settings_, block);
     ends_.clear();
     for (size_t b = 1; b <= blocks.size(); ++b) ends_.push_back(uint32_t(b * (count / blocks.size())));
     const auto part = [&](auto& buffer) { return buffer.host().first(std::min(buffer.size(), count)); };
@@ -208,6 +220,8 @@ class FrameRenderer {
     film_samples_.coverage.toDevice(0, count);
     film_samples_.normal.toDevice(0, count);
     film_->addDepth(blocks, std::span(depth_).first(pixels));
+    if (AovFilm::needsFirstHits(settings_))
+      aovs_->addBatch(blocks, std::span(first_).first(count), film_samples_, *film_);
     timer.stop();
     for (size_t layer = 0; layer < layers_.size(); ++layer) renderLayer(layer, blocks);
   }
@@ -296,7 +310,8 @@ class FrameRenderer {
       for (const uint32_t slot : heads) {
         const uint32_t pixel = slot / aa_.samples_per_pixel % kBlockArea;
         const BlockOrigin block = blocks[slot / slots_per_block];
-        film_->addEvaluation(uint32_t(layer), block.x + pixel % kBlockPixels, block.y + pixel / kBlockPixels);
+        film_->addEvaluation(uint32_t(layer), block.x + int32_t(pixel % kBlockPixels),
+                             block.y + int32_t(pixel / kBlockPixels));
       }
   }
 
@@ -315,8 +330,8 @@ class FrameRenderer {
     s.driver = device_.info().driver;
     s.primitives = trace_->primitiveCount();
     s.micropolygons = trace_->micropolygonCount();
-    s.pixels = uint64_t(settings_.width) * settings_.height;
-    s.antialiasing_samples = s.pixels * settings_.samples * settings_.samples;
+    s.pixels = windowOf(settings_).area();
+    s.antialiasing_samples = antialiasing_samples_;
     s.rays_traced = rays_traced_;
     s.non_finite_samples = film_->nonFiniteSamples();
     s.peak_memory_bytes = peakProcessBytes();
@@ -344,7 +359,7 @@ class FrameRenderer {
   }
 
   void reportTile(const ReuseTile& tile, double share) {
-    report((double(finished_blocks_) + share * double(tile.blocks.size())) / double(total_blocks_), "render");
+    report((double(finished_blocks_) + share * double(tile.rendered.size())) / double(total_blocks_), "render");
   }
 
   void report(double done, const char* stage) {
@@ -356,10 +371,11 @@ class FrameRenderer {
   Device& device_;
   const Progress& progress_;
   const TileSink& sink_;
+  const RenderCache::Use* cache_;  // null: none
   Statistics statistics_;
   std::atomic<uint64_t> rays_traced_{0};
 
-  std::vector<DicedMesh> diced_;
+  DicedMeshes diced_;
   std::optional<TraceScene> trace_;
   std::optional<Patterns> patterns_;
   std::optional<ShadingRates> rates_;
@@ -369,6 +385,7 @@ class FrameRenderer {
   std::optional<Film> film_;
   std::optional<ShadeContext> context_;
   std::optional<Seeds> seeds_;
+  std::optional<AovFilm> aovs_;                  // where any are asked for
   std::optional<VertexShading> vertex_shading_;  // only of Method::Vertex
   std::vector<Layer> layers_;
   MemoryPlan plan_;
@@ -381,6 +398,7 @@ class FrameRenderer {
   std::vector<float> depth_;          // of its pixels
   std::vector<uint32_t> ends_;        // of its blocks
   size_t total_blocks_ = 0, finished_blocks_ = 0;
+  uint64_t antialiasing_samples_ = 0;
 };
 
 // Runs `work` with the threads that the settings ask for; returns how many those are.
@@ -395,14 +413,18 @@ uint32_t inArena(const Settings& settings, const Work& work) {
 
 }  // namespace
 
-Frame render(Scene& scene, const Settings& settings, Device& device, const Progress& progress, const TileSink& sink) {
+Frame render(Scene& scene, const Settings& settings, Device& device, const Progress& progress, const TileSink& sink,
+             RenderCache* cache) {
   settings.validate();
   scene.validate();
   device.resetTimings();
+  std::optional<RenderCache::Use> use;
+  if (cache) use.emplace(*cache, device);
   const Rebased rebased(scene);
   Frame frame;
-  const uint32_t threads =
-      inArena(settings, [&] { frame = FrameRenderer(scene, settings, device, progress, sink).render(); });
+  const uint32_t threads = inArena(settings, [&] {
+    frame = FrameRenderer(scene, settings, device, progress, sink, use ? &*use : nullptr).render();
+  });
   frame.statistics.threads = threads;
   return frame;
 }
@@ -413,7 +435,7 @@ RawTrace timeRawRays(Scene& scene, const Settings& settings) {
   const Rebased rebased(scene);
   RawTrace raw;
   inArena(settings, [&] {
-    const std::vector<DicedMesh> diced = diceScene(scene, settings);  // displacement is left out
+    const DicedMeshes diced = diceScene(scene, settings);  // displacement is left out
     const TraceScene trace(scene, diced);
     raw = timeRawPrimaryRays(trace, CameraRays(scene.camera, settings, scene.moves()), settings);
   });

@@ -15,22 +15,27 @@ namespace encore {
 
 struct Frame {
   std::vector<Layer> layers;
-  FilmImages images;  // of the whole image; empty where a TileSink took them
+  FilmImages images;  // of the whole window; empty where a TileSink took them
   Statistics statistics;
 };
 
 // Called from the rendering thread with pixels that are final, in the order of reuse tiles: a row of rects has
-// one y0 and one height, and all of them together are the image. What it throws ends the frame.
+// one y0 and one height, and all of them together are the window, from whose upper left pixel they are counted.
+// What it throws ends the frame.
 using TileSink = std::function<void(FilmImages&&)>;
 
 // Called from the rendering thread with the share of the frame that is done, in [0, 1], never falling.
 // Returning false cancels: render() throws Error(Cancelled).
 using Progress = std::function<bool(double done, const char* stage)>;
 
+// What frames leave behind for those that follow (core/render/render_cache.h).
+class RenderCache;
+
 // Renders one frame on `device`. The scene is moved to the camera's origin while it renders and put back
-// after it (see rebase()). Throws Error.
+// after it (see rebase()). cache: makes a frame faster by what it shares with frames before it, and changes nothing
+// else; one frame at a time. Throws Error.
 Frame render(Scene& scene, const Settings& settings, Device& device, const Progress& progress = {},
-             const TileSink& sink = {});
+             const TileSink& sink = {}, RenderCache* cache = nullptr);
 
 // How long Embree alone takes for the camera rays of a frame (see timeRawPrimaryRays()), scene built for it.
 RawTrace timeRawRays(Scene& scene, const Settings& settings);

@@ -1,10 +1,21 @@
 #include "core/render/seeds.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "core/path/footprint.h"
 
 namespace encore {
+namespace {
+
+// Rounding may put a seed onto the border of its block.
+void addEvaluation(Film& film, uint32_t layer, BlockOrigin block, const FirstHit& seed) {
+  const int32_t last = int32_t(kBlockPixels) - 1;
+  film.addEvaluation(layer, std::min(int32_t(std::floor(seed.film_x)), block.x + last),
+                     std::min(int32_t(std::floor(seed.film_y)), block.y + last));
+}
+
+}  // namespace
 
 Seeds::Seeds(const ShadeContext& context, const CameraRays& camera, const ShadingRates& rates, Device& device,
              std::span<const Layer> layers)
@@ -68,8 +79,7 @@ Seeds::Kept Seeds::follow(size_t layer, std::span<const BlockOrigin> blocks, con
       const float own = rates_.of(layers_[layer], vertices[i].hit);
       if (own != rate) count = shadingRayCount(context_.settings, blocks[b], rate = own);
       if (vertices[i].sample >= count) continue;
-      if (context_.settings.debug_aovs)
-        film.addEvaluation(uint32_t(layer), uint32_t(rays.first[i].film_x), uint32_t(rays.first[i].film_y));
+      if (context_.settings.debug_aovs) addEvaluation(film, uint32_t(layer), blocks[b], rays.first[i]);
       vertices[kept++] = vertices[i];
     }
     result.ends.push_back(uint32_t(kept));

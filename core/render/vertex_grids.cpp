@@ -4,6 +4,7 @@
 #include <cmath>
 #include <tuple>
 
+#include "core/dice/spheres.h"
 #include "core/scene/error.h"
 #include "core/scene/random.h"
 
@@ -152,7 +153,7 @@ VertexFace::VertexFace(const Scene& scene, const DicedMesh& mesh, const VertexVi
                        SurfaceKey key, float pixel_area, uint32_t level)
     : mesh_(mesh),
       views_(views),
-      shape_(mesh, mesh.triangle_primitive[hit.triangle]),
+      shape_(mesh, isSpheres(mesh) ? hit.triangle : mesh.triangle_primitive[hit.triangle]),
       to_world_(toFloat(scene.instances[hit.instance].to_world)),
       hit_(hit),
       key_(key),
@@ -164,6 +165,10 @@ VertexFace::VertexFace(const Scene& scene, const DicedMesh& mesh, const VertexVi
 
 Vec3f VertexFace::worldPoint(Vec2f uv) const {
   const FacePoint at = shape_.extrapolate(uv);
+  if (isSpheres(mesh_)) {
+    const Vec4f& s = mesh_.spheres[at.triangle];
+    return to_world_.point(Vec3f{s.x, s.y, s.z} + toFloat(SphereNormal(2 * at.b1, 2 * at.b2).n) * s.w);
+  }
   const uint32_t* corner = &mesh_.triangles[3 * size_t{at.triangle}];
   const Vec3f p0 = mesh_.positions[corner[0]], p1 = mesh_.positions[corner[1]], p2 = mesh_.positions[corner[2]];
   return to_world_.point(p0 + ((p1 - p0) * at.b1 + (p2 - p0) * at.b2));
@@ -259,6 +264,7 @@ GridCell VertexFace::cell(Vec2f uv) {
 
 // (u, v) of the mesh and not the SurfacePoint's, which may be scaled.
 GridCell VertexFace::cell(const Hit& hit) {
+  if (isSpheres(mesh_)) return cell(Vec2f{std::min(2 * hit.b1, 1.0f), std::min(2 * hit.b2, 1.0f)});
   const uint32_t* corner = &mesh_.triangles[3 * size_t{hit.triangle}];
   const Vec2f p0 = mesh_.uv[corner[0]];
   const Vec2f uv = p0 + ((mesh_.uv[corner[1]] - p0) * hit.b1 + (mesh_.uv[corner[2]] - p0) * hit.b2);
@@ -290,7 +296,7 @@ uint32_t VertexFace::randomKey(const TileRequest& tile) const {
   return pcg4d(key_.instance, key_.primitive_side, place, tile.tile | level_ << 16)[0] & 0x7fffffffu;
 }
 
-VertexGrids::VertexGrids(const Scene& scene, const Settings& settings, const std::vector<DicedMesh>& diced,
+VertexGrids::VertexGrids(const Scene& scene, const Settings& settings, const DicedMeshes& diced,
                          const VertexViews& views)
     : scene_(scene), diced_(diced), views_(views), rates_(scene, settings) {
   for (size_t m = 0; m < diced.size(); ++m)

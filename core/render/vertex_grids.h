@@ -132,8 +132,7 @@ class VertexFace {
 class VertexGrids {
  public:
   // Keeps references. Throws Error(Internal) where a mesh's triangles are not in the order of their primitives.
-  VertexGrids(const Scene& scene, const Settings& settings, const std::vector<DicedMesh>& diced,
-              const VertexViews& views);
+  VertexGrids(const Scene& scene, const Settings& settings, const DicedMeshes& diced, const VertexViews& views);
 
   // key: that of the hit's SurfacePoint. level: below kGridLevels. Thread-safe.
   GridCell cell(const Hit& hit, SurfaceKey key, uint32_t level = 0);
@@ -162,7 +161,7 @@ class VertexGrids {
   }
 
   const Scene& scene_;
-  const std::vector<DicedMesh>& diced_;
+  DicedMeshes diced_;
   const VertexViews& views_;
   ShadingRates rates_;
   std::array<Faces, kGridLevels> faces_;

@@ -61,7 +61,7 @@ Vec3f arrivingFrom(Vec3f direction, Vec3f n) {
 
 }  // namespace
 
-VertexShading::VertexShading(const ShadeContext& context, const CameraRays& camera, const std::vector<DicedMesh>& diced)
+VertexShading::VertexShading(const ShadeContext& context, const CameraRays& camera, const DicedMeshes& diced)
     : settings_(vertexSettings(context.settings)),
       context_{context.scene, settings_, context.trace, context.patterns, context.rays_traced, context.lights},
       camera_(camera),

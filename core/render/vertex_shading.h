@@ -31,7 +31,7 @@ namespace encore {
 class VertexShading {
  public:
   // Keeps references to what the context refers to and to diced (what context.trace was built from).
-  VertexShading(const ShadeContext& context, const CameraRays& camera, const std::vector<DicedMesh>& diced);
+  VertexShading(const ShadeContext& context, const CameraRays& camera, const DicedMeshes& diced);
   VertexShading(const VertexShading&) = delete;
   VertexShading& operator=(const VertexShading&) = delete;
 

@@ -5,19 +5,21 @@
 namespace encore {
 namespace {
 
-// Copies `part`, of `rect`, into the image, which is made when it is not there yet.
+// Copies `part`, of `rect`, some values per pixel, into the image, which is made when it is not there yet.
 template <class T>
 void place(std::vector<T>& image, PixelRect frame, const std::vector<T>& part, PixelRect rect) {
   if (part.empty()) return;
-  image.resize(frame.area());
-  for (uint32_t y = rect.y0; y < rect.y1; ++y)
-    std::copy_n(part.begin() + ptrdiff_t(uint64_t(y - rect.y0) * rect.width()), rect.width(),
-                image.begin() + ptrdiff_t(uint64_t(y) * frame.width() + rect.x0));
+  const size_t values = part.size() / rect.area();
+  image.resize(frame.area() * values);
+  const size_t row = rect.width() * values;
+  for (size_t y = 0; y < rect.height(); ++y)
+    std::copy_n(part.begin() + ptrdiff_t(y * row), row,
+                image.begin() + ptrdiff_t(((y + size_t(rect.y0)) * frame.width() + size_t(rect.x0)) * values));
 }
 
 }  // namespace
 
-WholeFrame::WholeFrame(uint32_t width, uint32_t height) { images_.rect = {0, 0, width, height}; }
+WholeFrame::WholeFrame(uint32_t width, uint32_t height) { images_.rect = {0, 0, int32_t(width), int32_t(height)}; }
 
 void WholeFrame::add(const FilmImages& part) {
   const auto add = [&](auto& image, const auto& pixels) { place(image, images_.rect, pixels, part.rect); };
@@ -29,6 +31,12 @@ void WholeFrame::add(const FilmImages& part) {
     add(images_.debug[i].reshaded, part.debug[i].reshaded);
     add(images_.debug[i].distance, part.debug[i].distance);
     add(images_.debug[i].id, part.debug[i].id);
+  }
+  images_.aovs.resize(part.aovs.size());
+  for (size_t i = 0; i < part.aovs.size(); ++i) {
+    images_.aovs[i].components = part.aovs[i].components;
+    add(images_.aovs[i].values, part.aovs[i].values);
+    add(images_.aovs[i].ids, part.aovs[i].ids);
   }
   add(images_.composite, part.composite);
   add(images_.alpha, part.alpha);

@@ -23,6 +23,8 @@ class TextureSource {
   // Fills rgba (width * height * 4 half floats as bits) with linear working-space pixels, bottom row first.
   // Called by one thread at a time, any number of times, always with the same result. Throws Error(Scene).
   virtual void read(std::span<uint16_t> rgba) const = 0;
+  // Called where read() would have been, had a frame before not left what it gave.
+  virtual void reused() const {}
 };
 
 // Linear working-space pixels, bottom row first (st = (0, 0) is the lower left corner of pixel 0).

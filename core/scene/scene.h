@@ -20,6 +20,13 @@ struct Prototype {
   std::vector<uint32_t> meshes;  // indices into Scene::meshes
 };
 
+// A primvar that an instance gives to what is placed. name: index into Scene::instance_primvars.
+struct InstancePrimvar {
+  uint32_t name = 0;
+  bool wins = false;  // over the meshes' own of this name (a PointInstancer's), and not the other way round
+  Vec4f value{0, 0, 0, 0};
+};
+
 struct Instance {
   std::string path;
   uint32_t prototype = 0;
@@ -27,9 +34,10 @@ struct Instance {
   // Transforms at uniform times from shutter open to close, two or more; between them matrices are interpolated
   // linearly, so that keys of a turning thing must be dense. Empty: it does not move.
   std::vector<Affine3d> motion;
-  int32_t material = -1;      // overrides the meshes' materials when not negative
-  LayerRates shading_rate{};  // overrides the meshes' where above 0
-  int32_t link_group = -1;    // overrides the meshes' when not negative
+  int32_t material = -1;                    // overrides the meshes' materials when not negative
+  LayerRates shading_rate{};                // overrides the meshes' where above 0
+  int32_t link_group = -1;                  // overrides the meshes' when not negative
+  std::vector<InstancePrimvar> primvars{};  // read as display_color, texture coordinates and primvars are, by name
 };
 
 // Keys of motion, at most: Embree's time steps.
@@ -39,6 +47,7 @@ struct Scene {
   std::vector<Mesh> meshes;
   std::vector<Prototype> prototypes;
   std::vector<Instance> instances;
+  std::vector<std::string> instance_primvars;  // names, each once; "displayColor" is display_color
   std::vector<Texture> textures;
   std::vector<Material> materials;  // material 0 exists
   std::vector<Light> lights;
@@ -54,8 +63,11 @@ struct Scene {
   void validate() const;
 };
 
-// One mesh's part of validate(), so that callers can drop and report a single bad mesh.
+// One mesh's part of validate(), so that callers can drop and report a single bad mesh. Of meshes with an identity only
+// what it does not stand for is looked at.
 void validateMesh(const Mesh& mesh, size_t material_count);
+// Validates what does not depend on the scene, as validateMesh() does, and gives the mesh an identity of its own.
+void identify(Mesh& mesh);
 
 // The same scene with `origin` moved to (0, 0, 0): keeps float32 world coordinates accurate near the
 // camera however far from the world's origin the shot takes place. origin must be representable exactly

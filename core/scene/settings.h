@@ -3,6 +3,9 @@
 
 #include <cstdint>
 #include <string>
+#include <vector>
+
+#include "core/scene/aov.h"
 
 namespace encore {
 
@@ -23,7 +26,11 @@ enum class GlassShadows { Transmit, Opaque };
 
 struct Settings {
   Method method = Method::Reuse;
-  uint32_t width = 960, height = 540;
+  uint32_t width = 960, height = 540;  // of the whole image, which the camera's film window fills
+  // What is rendered of the plane of the image, pixels, y down; it may reach beyond the image (overscan). Pixels are
+  // what they would be in any other window. Of no size: the image.
+  Window window;
+  std::vector<Aov> aovs;              // what is asked for besides layers, alpha, depth and normals
   uint32_t samples = 8;               // samples × samples antialiasing samples per pixel
   float shading_rate = 2;             // shading samples per pixel per layer (the paper's shading_rate)
   float shading_rate_reflection = 0;  // of that layer; 0: shading_rate

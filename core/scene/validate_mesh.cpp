@@ -3,6 +3,7 @@
 #include <numeric>
 #include <string>
 
+#include "core/scene/curve_counts.h"
 #include "core/scene/error.h"
 #include "core/scene/scene.h"
 #include "core/scene/text.h"
@@ -32,8 +33,8 @@ class MeshErrors {
       raise(attribute, "has " + text(found) + " elements, but " + because + " ask for " + text(expected),
             "Author " + text(expected) + " elements");
   }
-  template <class T>
-  void checkFinite(const std::string& attribute, const std::vector<T>& values) const {
+  template <class Values>
+  void checkFinite(const std::string& attribute, const Values& values) const {
     for (size_t i = 0; i < values.size(); ++i)
       if (!allFinite(values[i]))
         raise(attribute, "value " + text(values[i]) + " at " + text(i) + " is not finite",
@@ -49,7 +50,46 @@ class MeshErrors {
   std::string path_;
 };
 
+const char* curveKind(const Mesh& mesh) {
+  switch (mesh.basis) {
+    case CurveBasis::Linear:
+      return "linear";
+    case CurveBasis::Bezier:
+      return "bezier";
+    case CurveBasis::BSpline:
+      return "bspline";
+    case CurveBasis::CatmullRom:
+      return "catmullRom";
+  }
+  return "unknown";
+}
+
+std::string countRule(const Mesh& mesh) {
+  const std::string step = vstep(mesh.basis) == 3 ? "multiples of 3" : "";
+  if (isPeriodic(mesh)) return mesh.basis == CurveBasis::Linear ? "3 or more" : step.empty() ? "1 or more" : step;
+  if (hasPhantomPoints(mesh) || mesh.basis == CurveBasis::Linear) return "2 or more";
+  return step.empty() ? "4 or more" : "4, 7, 10 and so on";
+}
+
+void checkCurves(const Mesh& mesh, const MeshErrors& errors) {
+  const std::vector<int32_t>& counts = mesh.face_vertex_counts.get();
+  for (size_t i = 0; i < counts.size(); ++i)
+    if (!isCurveCount(mesh, counts[i]))
+      errors.raise("curveVertexCounts",
+                   "curve " + text(i) + " has " + text(counts[i]) + " points, which are no " +
+                       (isPeriodic(mesh)         ? "periodic "
+                        : hasPhantomPoints(mesh) ? "pinned "
+                                                 : "nonperiodic ") +
+                       curveKind(mesh) + " curve",
+                   "Curves of this basis and wrap have " + countRule(mesh) + " points");
+  const int64_t points = std::accumulate(counts.begin(), counts.end(), int64_t{0});
+  errors.checkSize("points", mesh.points.size(), size_t(points), "curveVertexCounts");
+  errors.checkFinite("points", mesh.points);
+}
+
 void checkTopology(const Mesh& mesh, const MeshErrors& errors) {
+  if (mesh.shape == Shape::Curves) return checkCurves(mesh, errors);
+  if (mesh.shape == Shape::Points) return errors.checkFinite("points", mesh.points);
   const auto& counts = mesh.face_vertex_counts;
   for (size_t i = 0; i < counts.size(); ++i) {
     if (counts[i] < 3)
@@ -89,7 +129,17 @@ void checkSharpFeatures(const Mesh& mesh, const MeshErrors& errors) {
   errors.checkFinite("creaseSharpnesses", mesh.crease_sharpnesses);
 }
 
+// Ends of segments of all curves.
+size_t varyingCount(const Mesh& mesh) {
+  int64_t sum = 0;
+  for (const int32_t count : mesh.face_vertex_counts.get()) sum += varyingCount(mesh, count);
+  return size_t(sum);
+}
+
 size_t elementCount(const Mesh& mesh, Interpolation interpolation) {
+  if (mesh.shape != Shape::Faces && interpolation == Interpolation::FaceVarying) interpolation = Interpolation::Varying;
+  if (mesh.shape == Shape::Points && interpolation == Interpolation::Uniform) return mesh.points.size();
+  if (mesh.shape == Shape::Curves && interpolation == Interpolation::Varying) return varyingCount(mesh);
   switch (interpolation) {
     case Interpolation::Constant:
       return 1;
@@ -134,6 +184,16 @@ void checkPrimvar(const Mesh& mesh, const Primvar<T>& primvar, const std::string
   errors.checkFinite(attribute, primvar.values);
 }
 
+void checkWidths(const Mesh& mesh, const MeshErrors& errors) {
+  if (mesh.shape == Shape::Faces) return;
+  checkPrimvar(mesh, mesh.widths, "widths", errors);
+  const std::vector<float>& widths = mesh.widths.values.get();
+  for (size_t i = 0; i < widths.size(); ++i)
+    if (widths[i] < 0)
+      errors.raise("widths", "width " + text(widths[i]) + " at " + text(i) + " is below 0",
+                   "Author widths of 0 or above: they are diameters");
+}
+
 void checkMotion(const Mesh& mesh, const MeshErrors& errors) {
   const size_t keys = mesh.motion_points.size();
   if (keys == 1 || keys > kMaxMotionKeys)
@@ -150,28 +210,39 @@ void checkMotion(const Mesh& mesh, const MeshErrors& errors) {
   }
 }
 
-}  // namespace
-
-void validateMesh(const Mesh& mesh, size_t material_count) {
-  const MeshErrors errors(mesh);
+// All that does not depend on the scene.
+void checkOwn(const Mesh& mesh, const MeshErrors& errors) {
   checkTopology(mesh, errors);
   checkSharpFeatures(mesh, errors);
 
   checkPrimvar(mesh, mesh.normals, "normals", errors);
+  checkWidths(mesh, errors);
   checkPrimvar(mesh, mesh.display_color, "primvars:displayColor", errors);
   for (const Primvar<Vec2f>& texcoord : mesh.texcoords)
     checkPrimvar(mesh, texcoord, "primvars:" + texcoord.name, errors);
 
   for (const Primvar<Vec4f>& primvar : mesh.primvars) checkPrimvar(mesh, primvar, "primvars:" + primvar.name, errors);
   checkMotion(mesh, errors);
+  errors.checkLength("primvars:encore:targetEdgeLength", mesh.target_edge_length_world);
+}
 
+}  // namespace
+
+void identify(Mesh& mesh) {
+  mesh.identity = nullptr;
+  checkOwn(mesh, MeshErrors(mesh));
+  mesh.identity = std::make_shared<char>();
+}
+
+void validateMesh(const Mesh& mesh, size_t material_count) {
+  const MeshErrors errors(mesh);
+  if (!mesh.identity) checkOwn(mesh, errors);
   if (!mesh.face_materials.empty()) {
-    errors.checkSize("material:binding", mesh.face_materials.size(), mesh.face_vertex_counts.size(),
+    errors.checkSize("material:binding", mesh.face_materials.size(), elementCount(mesh, Interpolation::Uniform),
                      "the GeomSubsets' faces");
     errors.checkIndices("material:binding", mesh.face_materials, material_count, "materials", -1);
   }
   errors.checkIndices("material:binding", {mesh.material}, material_count, "materials");
-  errors.checkLength("primvars:encore:targetEdgeLength", mesh.target_edge_length_world);
   for (size_t layer = 0; layer < mesh.shading_rate.size(); ++layer)
     if (!(mesh.shading_rate[layer] >= 0 && mesh.shading_rate[layer] <= kLargestShadingRate))
       errors.raise(

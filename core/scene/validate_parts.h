@@ -22,7 +22,8 @@ inline void checkFinite(bool finite, const std::string& where, const std::string
 
 // Invertible whatever the scale: compares the determinant with the volume of a box with edges of the same lengths.
 inline void checkTransform(const Affine3d& m, const std::string& where) {
-  checkFinite(allFinite(m), where, text(m.ex) + ", " + text(m.ey) + ", " + text(m.ez) + ", " + text(m.origin));
+  if (!allFinite(m))
+    checkFinite(false, where, text(m.ex) + ", " + text(m.ey) + ", " + text(m.ez) + ", " + text(m.origin));
   const double volume = length(m.ex) * length(m.ey) * length(m.ez), determinant = m.determinant();
   if (!(std::abs(determinant) > 1e-12 * volume) || !std::isfinite(volume))
     raise(where, "the transform cannot be inverted: its determinant is " + text(determinant),

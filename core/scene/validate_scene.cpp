@@ -37,7 +37,27 @@ void checkCamera(const Camera& camera) {
 }
 
 bool hasVisibleFace(const Mesh& mesh) {
+  if (mesh.shape == Shape::Points) return !mesh.points.empty();
   return std::set<int32_t>(mesh.hole_indices.begin(), mesh.hole_indices.end()).size() < mesh.face_vertex_counts.size();
+}
+
+void checkInstancePrimvars(const Scene& scene, const Instance& instance) {
+  for (const InstancePrimvar& primvar : instance.primvars) {
+    checkIndex(primvar.name, 0, scene.instance_primvars.size(), instance.path + ".primvars", "instance primvars");
+    const auto where = [&] { return instance.path + ".primvars:" + scene.instance_primvars[primvar.name]; };
+    if (!allFinite(primvar.value)) checkFinite(false, where(), text(primvar.value));
+    const auto same = [&](const InstancePrimvar& other) { return other.name == primvar.name; };
+    if (std::count_if(instance.primvars.begin(), instance.primvars.end(), same) > 1)
+      raise(where(), "the instance has it more than once", "Give each instance one value per name");
+  }
+}
+
+void checkInstancePrimvarNames(const std::vector<std::string>& names) {
+  std::set<std::string> known;
+  for (const std::string& name : names)
+    if (name.empty() || !known.insert(name).second)
+      raise("scene", "instances have a primvar called \"" + name + "\", which is empty or there twice",
+            "Give each of them a name of its own");
 }
 
 // Instances and prototypes; returns whether any face is placed.
@@ -48,6 +68,7 @@ bool checkPlacement(const Scene& scene) {
   for (size_t i = 0; i < visible.size(); ++i)
     for (uint32_t mesh : scene.prototypes[i].meshes) visible[i] |= hasVisibleFace(scene.meshes[mesh]);
 
+  checkInstancePrimvarNames(scene.instance_primvars);
   bool any = false;
   for (const Instance& instance : scene.instances) {
     checkIndex(instance.prototype, 0, scene.prototypes.size(), instance.path, "prototypes");
@@ -60,6 +81,7 @@ bool checkPlacement(const Scene& scene) {
             instance.path + "." + kLayerRateAttributes[layer],
             "value " + text(instance.shading_rate[layer]) + " is no shading rate",
             "Author a number from 0 (that of the mesh) to " + text(kLargestShadingRate) + " shading samples per pixel");
+    checkInstancePrimvars(scene, instance);
     any |= visible[instance.prototype] != 0;
   }
   return any;

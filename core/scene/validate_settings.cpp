@@ -1,4 +1,5 @@
 // Settings::validate(): one line per field.
+#include <set>
 #include <string>
 
 #include "core/scene/error.h"
@@ -9,15 +10,50 @@
 namespace encore {
 namespace {
 
+void requireText(bool valid, const char* field, const std::string& value, const std::string& range) {
+  if (!valid) throw Error(ErrorKind::Setting, "value " + value + " is out of range", field, "Choose " + range);
+}
+
 template <class T>
 void require(bool valid, const char* field, T value, const std::string& range) {
-  if (!valid) throw Error(ErrorKind::Setting, "value " + text(value) + " is out of range", field, "Choose " + range);
+  requireText(valid, field, text(value), range);
 }
 
 template <class T>
 void requireRange(const char* field, T value, T lowest, T highest) {
   // Written so that NaN fails.
   require(value >= lowest && value <= highest, field, value, "a number from " + text(lowest) + " to " + text(highest));
+}
+
+// Pixels of overscan on each side, at most.
+constexpr int32_t kMostOverscan = 65536;
+constexpr size_t kMostAovs = 64;
+
+void checkWindow(const Settings& s) {
+  const Window& w = s.window;
+  if (w == Window{}) return;
+  const std::string found = parenthesized(text(w.x0) + ", " + text(w.y0) + ", " + text(w.x1) + ", " + text(w.y1));
+  const auto fits = [](int64_t begin, int64_t end, uint32_t size) {
+    return begin < end && end - begin <= 65536 && begin >= -kMostOverscan && end <= int64_t{size} + kMostOverscan;
+  };
+  requireText(fits(w.x0, w.x1, s.width) && fits(w.y0, w.y1, s.height), "window", found,
+              "x0 < x1 and y0 < y1, at most 65536 pixels apart and at most " + text(kMostOverscan) +
+                  " pixels beyond the image");
+}
+
+void checkAovs(const std::vector<Aov>& aovs) {
+  require(aovs.size() <= kMostAovs, "aovs", aovs.size(), "up to " + text(kMostAovs) + " of them");
+  std::set<std::string> names;
+  for (const Aov& aov : aovs) {
+    requireText(!aov.name.empty() && names.insert(aov.name).second, "aovs", "'" + aov.name + "'",
+                "a name for each that no other has");
+    require(aov.kind >= Aov::Kind::Position && aov.kind <= Aov::Kind::ElementId, "aovs", int(aov.kind),
+            "one of the kinds there are");
+    if (aov.kind != Aov::Kind::Primvar) continue;
+    requireText(!aov.primvar.empty(), "aovs", "'' as the primvar of '" + aov.name + "'", "the name of a primvar");
+    requireText(aov.components >= 1 && aov.components <= 4, "aovs",
+                text(aov.components) + " as the components of '" + aov.name + "'", "1 to 4");
+  }
 }
 
 }  // namespace
@@ -27,6 +63,8 @@ void Settings::validate() const {
           "reuse, reference, decoupled, decoupled-pixel or vertex");
   requireRange("width", width, 1u, 65536u);
   requireRange("height", height, 1u, 65536u);
+  checkWindow(*this);
+  checkAovs(aovs);
   requireRange("samples", samples, 1u, 64u);
   require(shading_rate > 0 && shading_rate <= 256, "shading_rate", shading_rate,
           "a number above 0 and up to 256 shading samples per pixel and layer");

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/shade/light_image_cache.h"
+
 namespace encore {
 namespace {
 
@@ -13,6 +15,13 @@ constexpr float kSlack = 1.0001f;
 
 bool hasImage(const Light& light) {
   return light.texture >= 0 && (light.kind == Light::Kind::Rect || light.kind == Light::Kind::Dome);
+}
+
+// Pixels that a texture holds itself cannot be told from others.
+LightImageCache::Key keyOf(const Scene& scene, const Light& light) {
+  const Texture& texture = scene.textures[size_t(light.texture)];
+  const bool dome = light.kind == Light::Kind::Dome;
+  return {texture.rgba.empty() ? texture.source.get() : nullptr, dome, dome ? light.format : DomeFormat::LatLong};
 }
 
 ShadowRule shadowRule(const Light& light, const Settings& settings) {
@@ -105,20 +114,26 @@ bool PreparedLight::mayMeet(Vec3f p, Vec3f direction) const {
 const LightImage* LightSet::image(const Light& light) const {
   if (!hasImage(light)) return nullptr;
   for (const auto& i : data_->images)
-    if (i->texture == light.texture && i->kind == light.kind && i->format == light.format) return &i->image;
+    if (i->texture == light.texture && i->kind == light.kind && i->format == light.format) return i->image.get();
   return nullptr;
 }
 
 const LightImage* LightSet::decode(const Scene& scene, const Light& light, Data& data) {
   if (!hasImage(light)) return nullptr;
   for (const auto& i : data.images)
-    if (i->texture == light.texture && i->kind == light.kind && i->format == light.format) return &i->image;
+    if (i->texture == light.texture && i->kind == light.kind && i->format == light.format) return i->image.get();
   const Texture& texture = scene.textures[size_t(light.texture)];
-  const bool dome = light.kind == Light::Kind::Dome;
-  data.images.push_back(std::make_unique<Image>(
-      Image{light.texture, light.kind, light.format, dome ? LightImage(texture, light.format) : LightImage(texture)}));
-  data.bytes += data.images.back()->image.bytes();
-  return &data.images.back()->image;
+  const LightImageCache::Key key = keyOf(scene, light);
+  std::shared_ptr<const LightImage> image = data.cache ? data.cache->find(key) : nullptr;
+  if (image) {
+    texture.source->reused();
+  } else {
+    image = std::make_shared<const LightImage>(key.dome ? LightImage(texture, light.format) : LightImage(texture));
+    if (data.cache) data.cache->add(key, texture.source, image);
+  }
+  data.images.push_back(std::make_unique<Image>(Image{light.texture, light.kind, light.format, image}));
+  data.bytes += image->bytes();
+  return image.get();
 }
 
 PreparedLight LightSet::prepare(const Scene& scene, const Settings& settings, const TraceScene& trace,
@@ -151,8 +166,15 @@ PreparedLight LightSet::prepare(const Scene& scene, const Settings& settings, co
   return prepared;
 }
 
-LightSet::LightSet(const Scene& scene, const Settings& settings, const TraceScene& trace) {
+LightSet::LightSet(const Scene& scene, const Settings& settings, const TraceScene& trace, LightImageCache* cache) {
   const auto data = std::make_shared<Data>();
+  data->cache = cache;
+  if (cache) {
+    std::vector<LightImageCache::Key> keys;
+    for (const Light& light : scene.lights)
+      if (hasImage(light)) keys.push_back(keyOf(scene, light));
+    cache->retain(keys);
+  }
   uint64_t pool = 0;
   for (const Light& light : scene.lights) {
     data->lights.push_back(prepare(scene, settings, trace, light, *data));
@@ -162,6 +184,7 @@ LightSet::LightSet(const Scene& scene, const Settings& settings, const TraceScen
   }
   data->chooses = pool > settings.most_light_samples;
   if (data->chooses) data->rays_per_shade += settings.most_light_samples - pool;
+  data->cache = nullptr;
   data_ = data;
 }
 

@@ -13,6 +13,8 @@
 
 namespace encore {
 
+class LightImageCache;
+
 // How a light's shadows differ from black ones that reach all the way (UsdLuxShadowAPI). What is occluded gets
 // `color` of the light; occluders further away than `distance` do not count, and from `distance` - `falloff` on they
 // count less, by the power `gamma` of what is left of the way.
@@ -53,8 +55,9 @@ struct PreparedLight {
 // Copies share what they hold. References to scene and trace are kept; lights must not change meanwhile.
 class LightSet {
  public:
+  // cache: images that are in it are taken from there, and it holds those of this scene afterwards. Null: none.
   // Throws what TextureSource::read() throws.
-  LightSet(const Scene& scene, const Settings& settings, const TraceScene& trace);
+  LightSet(const Scene& scene, const Settings& settings, const TraceScene& trace, LightImageCache* cache = nullptr);
 
   std::span<const PreparedLight> lights() const { return data_->lights; }  // in the order of Scene::lights
   const LightImage* image(const Light& light) const;                       // null: it has none
@@ -71,13 +74,14 @@ class LightSet {
     int32_t texture;
     Light::Kind kind;
     DomeFormat format;
-    LightImage image;
+    std::shared_ptr<const LightImage> image;
   };
   struct Data {
     std::vector<std::unique_ptr<Image>> images;
     std::vector<std::unique_ptr<MeshLight>> meshes;
     std::vector<PreparedLight> lights;
-    std::vector<uint32_t> emitting;  // lights that are meshes
+    std::vector<uint32_t> emitting;    // lights that are meshes
+    LightImageCache* cache = nullptr;  // while it is made
     bool chooses = false;
     uint64_t rays_per_shade = 0, bytes = 0;
   };

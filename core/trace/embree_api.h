@@ -47,7 +47,7 @@ class Device {
   void requireFilters() {
     if (!rtcGetDeviceProperty(handle_.get(), RTC_DEVICE_PROPERTY_FILTER_FUNCTION_SUPPORTED))
       throw Error(ErrorKind::Internal,
-                  "Embree is built without filter functions, which shadows of what is not opaque need");
+                  "Embree is built without filter functions, which points and shadows of what is not opaque need");
   }
   uint64_t bytes() const { return uint64_t(std::max<int64_t>(0, state_->bytes)); }
 

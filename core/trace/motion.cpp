@@ -1,5 +1,6 @@
 #include "core/trace/motion.h"
 
+#include "core/trace/sphere.h"
 #include "core/trace/trace_impl.h"
 
 namespace encore {
@@ -140,6 +141,13 @@ Affine3f keyError(const TracedInstance& instance, float time) {
   const Affine3f &a = instance.keys[key.first], &b = instance.keys[key.first + 1];
   return {betweenError(a.ex, b.ex, segments), betweenError(a.ey, b.ey, segments), betweenError(a.ez, b.ez, segments),
           betweenError(a.origin, b.origin, segments)};
+}
+
+Vec3f centreError(const DicedMesh& mesh, uint32_t point, float time) {
+  if (mesh.motion_spheres.empty()) return {};
+  const KeyTime key(time, mesh.motion_spheres.size());
+  const Vec4f &a = mesh.motion_spheres[key.first][point], &b = mesh.motion_spheres[key.first + 1][point];
+  return betweenError({a.x, a.y, a.z}, {b.x, b.y, b.z}, mesh.motion_spheres.size() - 1);
 }
 
 Vec3f vertexError(const DicedMesh& mesh, const Corners& corners, float time) {

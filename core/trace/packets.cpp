@@ -6,6 +6,7 @@
 #include <bit>
 
 #include "core/trace/clones.h"
+#include "core/trace/sphere.h"
 #include "core/trace/trace_impl.h"
 
 namespace encore {
@@ -17,7 +18,8 @@ struct TriangleRecord {
   uint32_t instance = kNoInstance, mesh = 0, triangle = 0;
   uint32_t primitive_front = 0;  // SurfaceKey::primitive_side of the outside
   int32_t material = 0;
-  bool degenerate = false;  // ng depends on the ray
+  bool degenerate = false;  // ng depends on the ray, or on the hit
+  bool sphere = false;      // nothing below holds for all hits
   bool smooth = false;
   bool moves = false;
   float time = 0;
@@ -156,10 +158,14 @@ void PacketTracer::Impl::fill(TriangleRecord& r, const Hit& hit) const {
   const TracedInstance& instance = scene.instances[hit.instance];
   const TracedMesh& mesh = scene.meshOf(hit);
   const DicedMesh& diced = *mesh.diced;
-  const Corners corners(diced, hit.triangle);
-  const uint32_t primitive = diced.triangle_primitive[hit.triangle];
   r = {};
   r.instance = hit.instance, r.mesh = hit.mesh, r.triangle = hit.triangle;
+  if (isSpheres(diced)) {
+    r.sphere = r.degenerate = true;
+    return;
+  }
+  const Corners corners(diced, hit.triangle);
+  const uint32_t primitive = diced.triangle_primitive[hit.triangle];
   r.primitive_front = (mesh.first_primitive + primitive) << 1;
   r.material = resolveMaterial(instance, mesh, primitive);
   r.scale = scene.parameterScale(hit.instance, mesh.first_primitive + primitive);
@@ -212,6 +218,7 @@ void PacketTracer::surface(const RayPacket& rays, const HitPacket& hits, Surface
 
 Vec3f PacketTracer::geometricNormal(const RayPacket& rays, const HitPacket& hits, uint32_t lane) {
   const TriangleRecord& record = impl_->record(hits.hit(lane));
+  if (record.sphere) return impl_->trace.surface(hits.hit(lane), {}, false).ng;
   return record.degenerate ? Vec3f{-rays.dx[lane], -rays.dy[lane], -rays.dz[lane]} : record.ng;
 }
 
@@ -220,6 +227,11 @@ ParameterGradients PacketTracer::gradients(const HitPacket& hits, uint32_t lane)
   TriangleRecord& record = impl_->record(hit);
   if (record.has_gradients) return record.gradients;
   const TraceScene::Impl& scene = *impl_->trace.impl_;
+  if (record.sphere) {
+    const SurfacePoint point = impl_->trace.surface(hit, {}, false);
+    return parameterGradients(kSphereParameters[0], kSphereParameters[1], point.e1, point.e2,
+                              scene.parameterScale(hit.instance, point.primitive));
+  }
   const DicedMesh& mesh = *scene.meshOf(hit).diced;
   const Corners corners(mesh, hit.triangle);
   const PlacedTriangle placed(scene.instances[hit.instance], mesh, corners, hit.time);

@@ -2,9 +2,12 @@
 
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <array>
 #include <map>
 #include <utility>
+
+#include "core/dice/spheres.h"
 
 namespace encore {
 
@@ -62,10 +65,16 @@ struct Extents {
   }
 };
 
-std::vector<Vec2f> makeTable(const Prototype& prototype, const std::vector<DicedMesh>& diced, const Metric& metric) {
+std::vector<Vec2f> makeTable(const Prototype& prototype, const DicedMeshes& diced, const Metric& metric) {
   std::vector<Vec2f> table;
+  const auto has_spheres = [&](uint32_t index) { return isSpheres(diced[index]); };
+  if (std::all_of(prototype.meshes.begin(), prototype.meshes.end(), has_spheres)) return table;
   for (const uint32_t index : prototype.meshes) {
     const DicedMesh& mesh = diced[index];
+    if (isSpheres(mesh)) {
+      table.resize(table.size() + mesh.primitiveCount(), {1, 1});
+      continue;
+    }
     std::vector<Extents> extents(mesh.primitiveCount());
     for (size_t t = 0; t < mesh.triangleCount(); ++t) extents[mesh.triangle_primitive[t]].add(mesh, t, metric);
     for (const Extents& e : extents) table.push_back(e.scale());
@@ -75,7 +84,7 @@ std::vector<Vec2f> makeTable(const Prototype& prototype, const std::vector<Diced
 
 }  // namespace
 
-ParameterScales::ParameterScales(const Scene& scene, const std::vector<DicedMesh>& diced) {
+ParameterScales::ParameterScales(const Scene& scene, const DicedMeshes& diced) {
   std::map<std::pair<uint32_t, Metric>, uint32_t> known;
   for (const Instance& instance : scene.instances)
     table_of_.push_back(

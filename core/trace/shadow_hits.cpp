@@ -2,6 +2,8 @@
 
 #include <tuple>
 
+#include "core/trace/sphere.h"
+
 namespace encore {
 
 namespace {
@@ -95,6 +97,10 @@ bool ShadowRecorder::ends(uint32_t lane, const Hit& found) {
   if (material >= scene.passes.size() || scene.passes[material] == 0) return true;
 
   const Ray& ray = rays[lane];
+  if (isSpheres(*mesh.diced)) {
+    recordSphere(lane, found, instance, *mesh.diced);
+    return false;
+  }
   Hit hit = found;
   const double t = PlaneCrossing(instance, *mesh.diced, hit.triangle, ray).t;
   if (float(t) <= ray.tnear) return false;                     // behind the start after all
@@ -115,6 +121,28 @@ bool ShadowRecorder::ends(uint32_t lane, const Hit& found) {
   }
   insert(result, hit, replaces, dropped[lane]);
   return false;
+}
+
+// Both crossings at once: which one Embree shows first, and whether it shows the other, does not matter then.
+void ShadowRecorder::recordSphere(uint32_t lane, const Hit& found, const TracedInstance& instance,
+                                  const DicedMesh& mesh) {
+  const Ray& ray = rays[lane];
+  const SphereCrossings crossings(instance, mesh, found.triangle, ray);
+  for (uint32_t k = 0; k < crossings.count; ++k) {
+    Hit hit = found;
+    hit.t = float(crossings.t[k]), hit.b1 = crossings.coordinates[k].x, hit.b2 = crossings.coordinates[k].y;
+    if (!(hit.t > ray.tnear && hit.t <= ray.tfar)) continue;
+    const auto isHit = [&](const Hit& other) {
+      return sameTriangle(other, hit) && other.t == hit.t && other.b1 == hit.b1 && other.b2 == hit.b2;
+    };
+    if (before) {
+      const auto hits = std::span(before[lane].hits).first(before[lane].count);
+      if (comesBefore(hit, hits.back()) || std::any_of(hits.begin(), hits.end(), isHit)) continue;
+    }
+    ShadowHits& result = results[lane];
+    const auto known = std::span(result.hits).first(result.count);
+    if (std::none_of(known.begin(), known.end(), isHit)) insert(result, hit, false, dropped[lane]);
+  }
 }
 
 // Hits at one distance stay together where there is room for all of them.

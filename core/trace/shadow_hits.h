@@ -17,6 +17,7 @@ struct ShadowRecorder {
 
   // A hit that Embree found; true: it ends the ray.
   bool ends(uint32_t lane, const Hit& hit);
+  void recordSphere(uint32_t lane, const Hit& found, const TracedInstance& instance, const DicedMesh& mesh);
   // After the packet was traced.
   void finish(uint32_t lane, bool occluded);
 };

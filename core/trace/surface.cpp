@@ -1,4 +1,5 @@
 // What is known at a hit: position with its rounding error, normals, parametric coordinates.
+#include "core/trace/sphere.h"
 #include "core/trace/trace_impl.h"
 #include "core/trace/traced_triangle.h"
 
@@ -36,7 +37,8 @@ float LocalTriangle::planeError() const {
 int32_t resolveMaterial(const TracedInstance& instance, const TracedMesh& mesh, uint32_t primitive) {
   if (instance.material >= 0) return instance.material;
   if (!mesh.mesh->face_materials.empty()) {
-    const int32_t material = mesh.mesh->face_materials[mesh.diced->primitive_face[primitive]];
+    const uint32_t face = isSpheres(*mesh.diced) ? primitive : mesh.diced->primitive_face[primitive];
+    const int32_t material = mesh.mesh->face_materials[face];
     if (material >= 0) return material;
   }
   return mesh.mesh->material;
@@ -44,7 +46,7 @@ int32_t resolveMaterial(const TracedInstance& instance, const TracedMesh& mesh, 
 
 int32_t materialOfTriangle(const TracedInstance& instance, const TracedMesh& mesh, uint32_t triangle) {
   if (instance.material >= 0 || mesh.mesh->face_materials.empty()) return resolveMaterial(instance, mesh, 0);
-  return resolveMaterial(instance, mesh, mesh.diced->triangle_primitive[triangle]);
+  return resolveMaterial(instance, mesh, isSpheres(*mesh.diced) ? triangle : mesh.diced->triangle_primitive[triangle]);
 }
 
 int32_t TraceScene::material(const Hit& hit) const {
@@ -60,6 +62,10 @@ TracedTriangle::TracedTriangle(const TraceScene& trace, const Hit& hit)
   if (!diced.motion_positions.empty()) deforming_ = &diced;
   moves_ = deforming_ || instance_->moves();
   thin_ = mesh.mesh->thin_walled;
+  if (isSpheres(diced)) {
+    fillSphere(scene, mesh, hit);
+    return;
+  }
   const Corners corners(diced, hit.triangle);
   const uint32_t primitive = diced.triangle_primitive[hit.triangle];
   primitive_ = mesh.first_primitive + primitive;
@@ -85,11 +91,45 @@ TracedTriangle::TracedTriangle(const TraceScene& trace, const Hit& hit)
   dn2_ = to_prototype.transposedVector(n[2] - n[0]);
 }
 
+// The tangent triangle of one hit. Its position is the spot's, but for roundings that sphere_error_ covers.
+void TracedTriangle::fillSphere(const TraceScene::Impl& scene, const TracedMesh& mesh, const Hit& hit) {
+  const DicedMesh& diced = *mesh.diced;
+  moves_ = true, time_ = std::numeric_limits<float>::quiet_NaN();  // holds no other hit
+  primitive_ = mesh.first_primitive + hit.triangle;
+  material_ = resolveMaterial(*instance_, mesh, hit.triangle);
+  scale_ = scene.parameterScale(hit.instance, primitive_);
+  duv1_ = kSphereParameters[0], duv2_ = kSphereParameters[1];
+
+  const SphereSpot spot(diced, hit);
+  edge1_ = spot.dn1 * spot.radius, edge2_ = spot.dn2 * spot.radius;
+  p0_ = spot.position() - (edge1_ * hit.b1 + edge2_ * hit.b2);
+  const std::optional<Placement> moving =
+      instance_->moves() ? std::optional(placementAt(*instance_, hit.time)) : std::nullopt;
+  const Placement& place = moving ? *moving : instance_->still;
+  e1_ = place.to_world.vector(edge1_), e2_ = place.to_world.vector(edge2_);
+  n_ = place.to_prototype.transposedVector(spot.normal);
+  const float covector_length = length(n_);
+  degenerate_ = !(covector_length > 0);
+  if (!degenerate_) ng_ = n_ * (1 / covector_length);
+  dn1_ = place.to_prototype.transposedVector(spot.dn1), dn2_ = place.to_prototype.transposedVector(spot.dn2);
+  n_ = n_ - (dn1_ * hit.b1 + dn2_ * hit.b2);
+  smooth_ = true;
+
+  // Embree compares squares, which are known to some roundings of the squared radius: rays that leave the sphere have
+  // to begin as far from it for that to tell. To the position come its own roundings and those of the centre.
+  const Vec3f size = absolute(spot.centre) + Vec3f{spot.radius, spot.radius, spot.radius};
+  const Vec3f local_error = size * gammaf(4) + centreError(diced, hit.triangle, hit.time) * 2;
+  const Affine3f& m = place.to_world;
+  has_plane_error_ = true;
+  plane_error_ = Affine3f{absolute(m.ex), absolute(m.ey), absolute(m.ez), {}}.vector(local_error);
+  if (!degenerate_) plane_error_ = plane_error_ + absolute(ng_) * (spot.radius * gammaf(16) / covector_length);
+}
+
 SurfacePoint TracedTriangle::surface(const Hit& hit, Vec3f direction) const {
   SurfacePoint point;
   const Vec3f local = p0_ + (edge1_ * hit.b1 + edge2_ * hit.b2);
   point.position =
-      instance_->moves() ? worldAt(*instance_, time_).point(local) : instance_->still.to_world.point(local);
+      instance_->moves() ? worldAt(*instance_, hit.time).point(local) : instance_->still.to_world.point(local);
   point.e1 = e1_, point.e2 = e2_;
   point.ng = degenerate_ ? -direction : ng_;
   point.side = dot(point.ng, direction) > 0 ? 1 : 0;
@@ -137,11 +177,11 @@ Vec3f TracedTriangle::positionErrorAt(const Placement& place, const Hit& hit, co
 
 // To that comes how far Embree's interpolated matrix may be from ours.
 Vec3f TracedTriangle::movingPositionError(const Hit& hit, const SurfacePoint& point) {
-  Placement place = placementAt(*instance_, time_);
+  Placement place = placementAt(*instance_, hit.time);
   addRayError(place);
   if (!has_plane_error_) fillPlaneError(place);
   const Vec3f reach = absolute(p0_) + absolute(edge1_) + absolute(edge2_);
-  return positionErrorAt(place, hit, point) + keyError(*instance_, time_).point(reach);
+  return positionErrorAt(place, hit, point) + keyError(*instance_, hit.time).point(reach);
 }
 
 // A distance along the prototype-space normal, seen along the world-space one. Where the mesh deforms, Embree's
@@ -206,18 +246,26 @@ Vec2f SurfacePoint::barycentricChange(Vec3f dp) const {
 }
 
 // Least squares, as barycentricChange().
-ParameterGradients parameterGradients(const DicedMesh& mesh, const Corners& corners, Vec3f e1, Vec3f e2, Vec2f scale) {
+ParameterGradients parameterGradients(Vec2f uv1, Vec2f uv2, Vec3f e1, Vec3f e2, Vec2f scale) {
   const Vec3d a = toDouble(e1), b = toDouble(e2), n = cross(a, b);
   const double area2 = dot(n, n);
   if (!(area2 > 0)) return {};
   const Vec3d of_b1 = cross(b, n) / area2, of_b2 = cross(n, a) / area2;
-  const Vec2f uv1 = mesh.uv[corners.i1] - mesh.uv[corners.i0], uv2 = mesh.uv[corners.i2] - mesh.uv[corners.i0];
   return {toFloat((of_b1 * double(uv1.x) + of_b2 * double(uv2.x)) * double(scale.x)),
           toFloat((of_b1 * double(uv1.y) + of_b2 * double(uv2.y)) * double(scale.y))};
 }
 
+ParameterGradients parameterGradients(const DicedMesh& mesh, const Corners& corners, Vec3f e1, Vec3f e2, Vec2f scale) {
+  return parameterGradients(mesh.uv[corners.i1] - mesh.uv[corners.i0], mesh.uv[corners.i2] - mesh.uv[corners.i0], e1,
+                            e2, scale);
+}
+
 float TraceScene::parametricFootprint(const Hit& hit, const SurfacePoint& point, Vec3f dpdx, Vec3f dpdy) const {
   const DicedMesh& mesh = *impl_->meshOf(hit).diced;
+  if (isSpheres(mesh))
+    return parameterGradients(kSphereParameters[0], kSphereParameters[1], point.e1, point.e2,
+                              impl_->parameterScale(hit.instance, point.primitive))
+        .footprint(dpdx, dpdy);
   return parameterGradients(mesh, Corners(mesh, hit.triangle), point.e1, point.e2,
                             impl_->parameterScale(hit.instance, point.primitive))
       .footprint(dpdx, dpdy);

@@ -10,6 +10,7 @@
 #include "core/trace/motion.h"
 #include "core/trace/packets.h"
 #include "core/trace/parameter_scale.h"
+#include "core/trace/trace_cache_impl.h"
 #include "core/trace/trace_scene.h"
 
 namespace encore {
@@ -22,7 +23,7 @@ struct TracedMesh {
 };
 
 struct TracedPrototype {
-  embree::Scene scene;  // null: no instance places it
+  std::shared_ptr<const BuiltPrototype> built;  // null: no instance places it
   std::vector<TracedMesh> meshes;
   uint32_t primitives = 0;
   bool in_motion = false;  // some instance of it moves
@@ -48,12 +49,15 @@ struct TracedInstance {
 };
 
 struct TraceScene::Impl {
-  Impl(const Scene& scene_, const std::vector<DicedMesh>& diced_)
-      : scene(scene_), diced(diced_), half_packets(device.prefersHalfPackets()) {}
+  Impl(const Scene& scene_, DicedMeshes diced_, TraceCache* cache)
+      : scene(scene_),
+        diced(std::move(diced_)),
+        device(cache ? cache->impl().device : std::make_shared<embree::Device>()),
+        half_packets(device->prefersHalfPackets()) {}
 
   const Scene& scene;
-  const std::vector<DicedMesh>& diced;
-  embree::Device device;
+  DicedMeshes diced;
+  std::shared_ptr<embree::Device> device;
   bool half_packets;            // see embree::Query
   bool moves = false;           // rays have times
   bool filtered = false;        // some geometry has a filter
@@ -73,6 +77,9 @@ struct TraceScene::Impl {
     return scales ? scales->scale(instance, primitive) : Vec2f{1, 1};
   }
   void addInstances();
+  void build(const std::vector<std::vector<uint8_t>>& may_pass, TraceCache* cache);
+  PrototypeKey prototypeKey(uint32_t index, const std::vector<uint8_t>& may_pass) const;
+  void addMeshes(uint32_t index);
   void buildPrototype(uint32_t index, const std::vector<uint8_t>& may_pass);
   void buildTop();
   // Per prototype and mesh in it: some shadow rays have to look at what they hit there.
@@ -157,7 +164,8 @@ struct LocalTriangle {
   float planeError() const;
 };
 
-// e1, e2: of the triangle, in world space.
+// e1, e2: of the triangle, in world space; uv1, uv2: change of the parameters along them.
+ParameterGradients parameterGradients(Vec2f uv1, Vec2f uv2, Vec3f e1, Vec3f e2, Vec2f scale);
 ParameterGradients parameterGradients(const DicedMesh& mesh, const Corners& corners, Vec3f e1, Vec3f e2, Vec2f scale);
 
 }  // namespace encore

@@ -3,9 +3,14 @@
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
+#include <algorithm>
 #include <cstring>
+#include <map>
+#include <set>
+#include <utility>
 
 #include "core/trace/shadow_hits.h"
+#include "core/trace/sphere.h"
 #include "core/trace/trace_impl.h"
 
 namespace encore {
@@ -42,6 +47,26 @@ embree::Geometry makeTriangles(embree::Device& device, const DicedMesh& mesh, bo
   return geometry;
 }
 
+// Shares the mesh's spheres.
+embree::Geometry makeSpheres(embree::Device& device, const DicedMesh& mesh, bool may_pass) {
+  embree::Geometry geometry = device.newGeometry(RTC_GEOMETRY_TYPE_SPHERE_POINT);
+  device.check("geometry");
+  const auto set = [&](uint32_t step, const std::vector<Vec4f>& spheres) {
+    rtcSetSharedGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_VERTEX, step, RTC_FORMAT_FLOAT4, spheres.data(), 0,
+                               sizeof(Vec4f), spheres.size());
+  };
+  const size_t keys = mesh.motion_spheres.size();
+  if (keys != 0) rtcSetGeometryTimeStepCount(geometry.get(), uint32_t(keys));
+  for (uint32_t step = 0; step < keys; ++step) set(step, mesh.motion_spheres[step]);
+  if (keys == 0) set(0, mesh.spheres);
+  device.check("spheres");
+  rtcSetGeometryUserData(geometry.get(), const_cast<DicedMesh*>(&mesh));  // the filter only reads it
+  rtcSetGeometryIntersectFilterFunction(geometry.get(), filterSphereHits);
+  if (may_pass) rtcSetGeometryOccludedFilterFunction(geometry.get(), filterShadowHits);
+  rtcCommitGeometry(geometry.get());
+  return geometry;
+}
+
 // Embree takes the bounds of a moving instance at its keys and goes straight between them, which is wrong for
 // vertices that move as well: their paths in the world are curves. Two triangles without area, which nothing can
 // hit, keep the prototype's bounds at all times where they are over the whole shutter; straight is then right.
@@ -54,9 +79,15 @@ embree::Geometry makeBounds(embree::Device& device, const std::vector<TracedMesh
       any = true;
     }
   };
+  const auto extendSpheres = [&](const std::vector<Vec4f>& spheres) {
+    for (const Vec4f& s : spheres)
+      if (s.w > 0) extend({{s.x - s.w, s.y - s.w, s.z - s.w}, {s.x + s.w, s.y + s.w, s.z + s.w}});
+  };
   for (const TracedMesh& mesh : meshes) {
     extend(mesh.diced->positions);
     for (const std::vector<Vec3f>& key : mesh.diced->motion_positions) extend(key);
+    extendSpheres(mesh.diced->spheres);
+    for (const std::vector<Vec4f>& key : mesh.diced->motion_spheres) extendSpheres(key);
   }
   const Vec3f rounding = componentMax(absolute(low), absolute(high)) * 0x1p-20f;  // of vertices between keys
   embree::Geometry geometry = device.newGeometry(RTC_GEOMETRY_TYPE_TRIANGLE);
@@ -91,7 +122,7 @@ embree::Geometry makeInstanceGeometry(embree::Device& device, const TracedInstan
   return geometry;
 }
 
-bool deforms(const TracedMesh& mesh) { return !mesh.diced->motion_positions.empty(); }
+bool deforms(const DicedMesh& mesh) { return !mesh.motion_positions.empty() || !mesh.motion_spheres.empty(); }
 
 template <class T>
 uint64_t bytesOf(const std::vector<T>& v) {
@@ -105,6 +136,8 @@ uint64_t bytesOf(const DicedMesh& mesh) {
   for (const auto& values : mesh.primvars) bytes += bytesOf(values);
   for (const auto& key : mesh.motion_positions) bytes += bytesOf(key);
   for (const auto& key : mesh.motion_normals) bytes += bytesOf(key);
+  bytes += bytesOf(mesh.spheres);
+  for (const auto& key : mesh.motion_spheres) bytes += bytesOf(key);
   return bytes;
 }
 
@@ -112,15 +145,24 @@ uint64_t bytesOf(const DicedMesh& mesh) {
 
 void TraceScene::Impl::addInstances() {
   prototypes.resize(scene.prototypes.size());
+  instances.reserve(scene.instances.size());
   for (const Instance& instance : scene.instances) {
     instances.push_back(makeInstance(instance));
     if (instances.back().moves()) prototypes[instance.prototype].in_motion = moves = true;
   }
-  const auto keyed = [](const DicedMesh& mesh) { return !mesh.motion_positions.empty(); };
-  moves |= !scene.camera.motion.empty() || std::any_of(diced.begin(), diced.end(), keyed);
+  moves |= !scene.camera.motion.empty() || std::any_of(diced.begin(), diced.end(), deforms);
 }
 
-void TraceScene::Impl::buildPrototype(uint32_t index, const std::vector<uint8_t>& may_pass) {
+PrototypeKey TraceScene::Impl::prototypeKey(uint32_t index, const std::vector<uint8_t>& may_pass) const {
+  PrototypeKey key{{}, may_pass, false};
+  for (const uint32_t mesh : scene.prototypes[index].meshes) {
+    key.meshes.push_back(&diced[mesh]);
+    key.in_motion |= prototypes[index].in_motion && deforms(diced[mesh]);
+  }
+  return key;
+}
+
+void TraceScene::Impl::addMeshes(uint32_t index) {
   const Prototype& source = scene.prototypes[index];
   TracedPrototype& prototype = prototypes[index];
   uint64_t primitives = 0;
@@ -132,59 +174,102 @@ void TraceScene::Impl::buildPrototype(uint32_t index, const std::vector<uint8_t>
                   source.path, "Split it into several prototypes");
   }
   prototype.primitives = uint32_t(primitives);
-  prototype.scene = device.newScene();
-  device.check(source.path);
+}
+
+void TraceScene::Impl::buildPrototype(uint32_t index, const std::vector<uint8_t>& may_pass) {
+  const Prototype& source = scene.prototypes[index];
+  TracedPrototype& prototype = prototypes[index];
+  const auto built = std::make_shared<BuiltPrototype>(BuiltPrototype{device, {}, device->newScene()});
+  RTCScene scene_handle = built->scene.get();
+  device->check(source.path);
+  for (const uint32_t mesh : source.meshes) built->meshes.push_back(diced.shared(mesh));
   for (uint32_t slot = 0; slot < prototype.meshes.size(); ++slot) {
     const DicedMesh& mesh = *prototype.meshes[slot].diced;
-    if (mesh.triangleCount() == 0) continue;
-    const embree::Geometry geometry = makeTriangles(device, mesh, may_pass[slot] != 0);
-    rtcAttachGeometryByID(prototype.scene.get(), geometry.get(), slot);
+    if (mesh.triangleCount() == 0 && !isSpheres(mesh)) continue;
+    const embree::Geometry geometry =
+        (isSpheres(mesh) ? makeSpheres : makeTriangles)(*device, mesh, may_pass[slot] != 0);
+    rtcAttachGeometryByID(scene_handle, geometry.get(), slot);
   }
-  if (prototype.in_motion && std::any_of(prototype.meshes.begin(), prototype.meshes.end(), deforms)) {
-    const embree::Geometry geometry = makeBounds(device, prototype.meshes);
-    rtcAttachGeometryByID(prototype.scene.get(), geometry.get(), uint32_t(prototype.meshes.size()));
+  if (prototypeKey(index, may_pass).in_motion) {
+    const embree::Geometry geometry = makeBounds(*device, prototype.meshes);
+    rtcAttachGeometryByID(scene_handle, geometry.get(), uint32_t(prototype.meshes.size()));
   }
-  rtcCommitScene(prototype.scene.get());
-  device.check(source.path);
+  rtcCommitScene(scene_handle);
+  device->check(source.path);
+  prototype.built = built;
+}
+
+void TraceScene::Impl::build(const std::vector<std::vector<uint8_t>>& may_pass, TraceCache* cache) {
+  std::vector<uint8_t> placed(scene.prototypes.size(), 0);
+  for (const Instance& instance : scene.instances) placed[instance.prototype] = 1;
+  // What the cache holds of other scenes goes before anything new comes.
+  std::vector<PrototypeKey> missing(cache ? scene.prototypes.size() : 0);
+  if (cache) {
+    std::map<PrototypeKey, std::shared_ptr<const BuiltPrototype>> kept, &known = cache->impl().prototypes;
+    for (uint32_t i = 0; i < placed.size(); ++i) {
+      if (!placed[i]) continue;
+      PrototypeKey key = prototypeKey(i, may_pass[i]);
+      if (const auto again = kept.find(key); again != kept.end()) {
+        prototypes[i].built = again->second;
+      } else if (const auto found = known.find(key); found != known.end()) {
+        prototypes[i].built = found->second;
+        kept.insert(known.extract(found));
+      } else {
+        missing[i] = std::move(key);
+      }
+    }
+    known = std::move(kept);
+    cache->impl().built = 0;
+  }
+  tbb::parallel_for(size_t{0}, scene.prototypes.size(), [&](size_t i) {
+    const FlushDenormals flush_worker;
+    if (!placed[i]) return;
+    addMeshes(uint32_t(i));
+    // Isolated: a thread that waits for its build must not start another one on top of it.
+    if (!prototypes[i].built) tbb::this_task_arena::isolate([&] { buildPrototype(uint32_t(i), may_pass[i]); });
+  });
+  for (uint32_t i = 0; i < missing.size(); ++i) {
+    if (missing[i].meshes.empty()) continue;
+    ++cache->impl().built;
+    // Meshes without an identity are diced anew for every scene.
+    const auto& meshes = scene.prototypes[i].meshes;
+    if (std::all_of(meshes.begin(), meshes.end(), [&](uint32_t m) { return scene.meshes[m].identity != nullptr; }))
+      cache->impl().prototypes.emplace(std::move(missing[i]), prototypes[i].built);
+  }
 }
 
 void TraceScene::Impl::buildTop() {
-  top = device.newScene();
-  device.check("scene");
+  top = device->newScene();
+  device->check("scene");
   for (uint32_t i = 0; i < instances.size(); ++i) {
     if (!instances[i].traceable) continue;
     largest_origin = std::min(largest_origin, instances[i].largest_origin);
     const embree::Geometry geometry =
-        makeInstanceGeometry(device, instances[i], prototypes[instances[i].prototype].scene.get());
+        makeInstanceGeometry(*device, instances[i], prototypes[instances[i].prototype].built->scene.get());
     rtcAttachGeometryByID(top.get(), geometry.get(), i);
   }
   rtcCommitScene(top.get());
-  device.check("scene");
+  device->check("scene");
   RTCBounds b;
   rtcGetSceneBounds(top.get(), &b);
   const Vec3f size{b.upper_x - b.lower_x, b.upper_y - b.lower_y, b.upper_z - b.lower_z};
   diagonal = size.x >= 0 && isFinite(size) ? length(size) : 0;  // an empty scene has inverted bounds
 }
 
-TraceScene::TraceScene(const Scene& scene, const std::vector<DicedMesh>& diced, bool world_space_parameters,
-                       std::span<const uint8_t> passes)
-    : impl_(std::make_unique<Impl>(scene, diced)) {
+TraceScene::TraceScene(const Scene& scene, DicedMeshes diced, bool world_space_parameters,
+                       std::span<const uint8_t> passes, TraceCache* cache)
+    : impl_(std::make_unique<Impl>(scene, std::move(diced), cache)) {
   const FlushDenormals flush;
   impl_->passes.assign(passes.begin(), passes.end());
   impl_->addInstances();
   const std::vector<std::vector<uint8_t>> may_pass = impl_->meshesThatMayPass();
   for (const std::vector<uint8_t>& meshes : may_pass)
     impl_->filtered |= std::any_of(meshes.begin(), meshes.end(), [](uint8_t may) { return may != 0; });
-  if (impl_->filtered) impl_->device.requireFilters();
-  std::vector<uint8_t> placed(scene.prototypes.size(), 0);
-  for (const Instance& instance : scene.instances) placed[instance.prototype] = 1;
-  tbb::parallel_for(size_t{0}, scene.prototypes.size(), [&](size_t i) {
-    const FlushDenormals flush_worker;
-    // Isolated: a thread that waits for its build must not start another one on top of it.
-    if (placed[i]) tbb::this_task_arena::isolate([&] { impl_->buildPrototype(uint32_t(i), may_pass[i]); });
-  });
+  const bool has_spheres = std::any_of(impl_->diced.begin(), impl_->diced.end(), isSpheres);
+  if (impl_->filtered || has_spheres) impl_->device->requireFilters();
+  impl_->build(may_pass, cache);
   impl_->buildTop();
-  if (world_space_parameters) impl_->scales = std::make_unique<ParameterScales>(scene, diced);
+  if (world_space_parameters) impl_->scales = std::make_unique<ParameterScales>(scene, impl_->diced);
 }
 
 TraceScene::~TraceScene() = default;
@@ -213,9 +298,11 @@ uint64_t TraceScene::micropolygonCount() const {
 }
 
 uint64_t TraceScene::memoryBytes() const {
-  uint64_t bytes = impl_->device.bytes() + bytesOf(impl_->instances);
+  uint64_t bytes = impl_->device->bytes() + bytesOf(impl_->instances);
   for (const TracedInstance& instance : impl_->instances) bytes += bytesOf(instance.keys);
-  for (const DicedMesh& mesh : impl_->diced) bytes += bytesOf(mesh);
+  std::set<const DicedMesh*> counted;
+  for (const DicedMesh& mesh : impl_->diced)
+    if (counted.insert(&mesh).second) bytes += bytesOf(mesh);
   if (impl_->scales) bytes += impl_->scales->bytes();
   return bytes;
 }

@@ -13,6 +13,8 @@
 
 namespace encore {
 
+class TraceCache;
+
 // What is known at a hit, in world space.
 struct SurfacePoint {
   Vec3f position;
@@ -59,14 +61,15 @@ struct ShadowQuery {
 
 class TraceScene {
  public:
-  // Keeps references to scene and diced; both must outlive it. Builds with the threads of the TBB arena
+  // Keeps a reference to the scene, which must outlive it. Builds with the threads of the TBB arena
   // it is called in; the result does not depend on them.
   // world_space_parameters: uv and footprints are scaled to each primitive's extents in the world, by factors in
   // (0, 1] of which the larger is 1.
   // passes: per material, 1 where shadow rays must be told of hits on it instead of ending there; empty: none.
   // Geometry gets filters only where some such material, or a light with shadow groups, asks for them.
-  TraceScene(const Scene& scene, const std::vector<DicedMesh>& diced, bool world_space_parameters = false,
-             std::span<const uint8_t> passes = {});
+  // cache: prototypes that are in it are taken from there, and it holds those of this scene afterwards. Null: none.
+  TraceScene(const Scene& scene, DicedMeshes diced, bool world_space_parameters = false,
+             std::span<const uint8_t> passes = {}, TraceCache* cache = nullptr);
   ~TraceScene();
 
   // Traces rays in order, 16 to a packet (the last one partly filled). Thread-safe.
@@ -90,12 +93,13 @@ class TraceScene {
   // SurfacePoint::position_error of a point that surface() made without it.
   Vec3f positionError(const Hit& hit, const SurfacePoint& point) const;
   int32_t material(const Hit& hit) const;  // index into Scene::materials, as in surface()
-  // The named texture coordinates of the hit's mesh; slot from texcoordSlot(). Slot -1: zeros.
+  // The named texture coordinates at the hit; slot from texcoordSlot(). Slot -1: zeros.
   TexcoordPoint texcoord(const Hit& hit, const SurfacePoint& point, int32_t slot, Vec3f dpdx, Vec3f dpdy) const;
-  // Slot of the texture coordinates `name` in the mesh that was hit, or -1.
+  // Slot of the texture coordinates `name` of the mesh that was hit, or of its instance (those do not change over the
+  // surface), or -1. It holds for hits on the same mesh of the same instance.
   int32_t texcoordSlot(const Hit& hit, const std::string& name) const;
-  Vec3f displayColor(const Hit& hit) const;  // 0.18 grey where the mesh has none
-  // Slot of Mesh::primvars in the mesh that was hit, or -1, and its value there.
+  Vec3f displayColor(const Hit& hit) const;  // 0.18 grey where neither mesh nor instance has one
+  // Slot of Mesh::primvars or Instance::primvars, as texcoordSlot(), or -1, and its value there.
   int32_t primvarSlot(const Hit& hit, const std::string& name) const;
   Vec4f primvar(const Hit& hit, int32_t slot) const;
   // dp/ds and dp/dt of the texture coordinates at the hit, world space, not of unit length; false where they have
@@ -104,6 +108,7 @@ class TraceScene {
   Vec3f worldPosition(Vec3f position) const;   // of a point of the scene: Scene::origin added
   Vec3f objectPosition(const Hit& hit) const;  // in the prototype's space, at the hit's time
   uint32_t linkGroup(const Hit& hit) const;
+  uint32_t element(const Hit& hit) const;  // base face, curve or point within its Mesh
   // A triangle in world space at a time, and their number, for lights that are made of them. instance, mesh,
   // triangle: as in Hit.
   uint32_t meshCount(uint32_t instance) const;

@@ -10,8 +10,10 @@ namespace encore {
 
 struct TracedInstance;
 struct Placement;
+struct TracedMesh;
 struct DicedMesh;
 
+// Of a point, which is a sphere, a triangle that touches it at one hit, and holds no other.
 class TracedTriangle {
  public:
   TracedTriangle() = default;
@@ -33,6 +35,7 @@ class TracedTriangle {
   }
 
  private:
+  void fillSphere(const TraceScene::Impl& scene, const TracedMesh& mesh, const Hit& hit);
   Vec3f positionErrorAt(const Placement& place, const Hit& hit, const SurfacePoint& point) const;
   Vec3f movingPositionError(const Hit& hit, const SurfacePoint& point);
   void fillPlaneError(const Placement& place);

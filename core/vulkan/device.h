@@ -37,7 +37,7 @@ class RawBuffer;
 
 // One device with one compute queue. Not thread-safe: one thread submits at a time.
 // Must outlive its buffers, kernels and commands.
-class Device {
+class Device : public std::enable_shared_from_this<Device> {
  public:
   // Throws Error(Device) that says what was found and what to install.
   static std::shared_ptr<Device> create(const DeviceOptions& options = {});
@@ -127,6 +127,38 @@ class Kernel {
   const std::string& name() const;
   struct Impl;
   Impl* impl() const { return impl_.get(); }
+
+ private:
+  std::shared_ptr<Impl> impl_;
+};
+
+// Kernels of a device that outlive those who made them: making one takes a millisecond or more.
+class KernelStore {
+ public:
+  KernelStore();
+  ~KernelStore();
+  KernelStore(const KernelStore&) = delete;
+  KernelStore& operator=(const KernelStore&) = delete;
+
+  // While this exists, kernels that are made on the device are taken from the store if one of the same name, code and
+  // constants is in it. At its end those leave the store that nobody has asked for. The device must outlive the store.
+  class Use {
+   public:
+    Use(Device& device, KernelStore& store);
+    ~Use();
+    Use(const Use&) = delete;
+    Use& operator=(const Use&) = delete;
+
+   private:
+    Device& device_;
+    KernelStore& store_;
+  };
+
+  size_t size() const;
+  uint64_t made() const;  // kernels that were not there, since the last use began
+
+  struct Impl;
+  Impl& impl() { return *impl_; }
 
  private:
   std::unique_ptr<Impl> impl_;

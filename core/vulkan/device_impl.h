@@ -89,6 +89,7 @@ struct Device::Impl {
   vk::raii::Fence fence{nullptr};
 
   std::map<std::string, KernelTiming> timings;
+  KernelStore* kernels = nullptr;  // in use; null: none
   uint64_t allocated_bytes = 0, peak_bytes = 0;
 };
 
@@ -143,6 +144,15 @@ struct RawBuffer::Impl {
 struct Kernel::Impl {
   std::string name;
   vk::raii::Pipeline pipeline{nullptr};
+};
+
+struct KernelStore::Impl {
+  struct Entry {
+    std::shared_ptr<Kernel::Impl> kernel;
+    bool used = true;  // since the use began
+  };
+  std::map<std::string, Entry> entries;  // by name, code and constants
+  uint64_t made = 0;
 };
 
 }  // namespace encore

@@ -5,7 +5,8 @@
 // pixel reaches and of kTapColumns columns around it ("taps"): a row is written once nothing can be added to
 // it any more. Wide filters have more sums than an invocation should keep, so they take one invocation per
 // column of taps. The including kernel defines kChannels, of them kWeightChannel for the filter weight itself (or
-// one beyond them), and loadPair().
+// one beyond them), kPairValues (at least 2 kChannels, and no specialization constant: arrays whose sizes are
+// expressions of those are of different types to glslang), and loadPair().
 //
 // Samples are read in pairs, 64 bits at a time: loads that differ between invocations cost a software device
 // more than all of the arithmetic, whatever their width.
@@ -57,7 +58,7 @@ void vec3Pair(Pairs from, uint pair, out vec3 value[2]) {
 }
 
 // Finite values of slots 2 * pair and 2 * pair + 1; adds to the counters where they are valid.
-void loadPair(uint pair, bvec2 valid, out float value[2 * kChannels], inout uint non_finite, inout uint bad_shade);
+void loadPair(uint pair, bvec2 valid, out float value[kPairValues], inout uint non_finite, inout uint bad_shade);
 
 void splat(SplatArguments a) {
   const uint group = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
@@ -85,7 +86,7 @@ void splat(SplatArguments a) {
     if (y < rows) do {
       // With an odd number of samples, a pair may hold one of the pixel before or after.
       const bvec2 valid = bvec2(2 * pair >= slot, 2 * pair + 1 < end_slot);
-      float value[2 * kChannels];
+      float value[kPairValues];
       loadPair(pair, valid, value, non_finite, bad_shade);
       const uvec2 positions = unpack32(a.positions.at[pair]);
       [[unroll]] for (uint s = 0; s < 2; ++s) {

@@ -12,6 +12,7 @@
 #include "film/filter.glsl"
 const uint kChannels = 8;
 const uint kWeightChannel = 7;
+const uint kPairValues = 2 * kChannels;
 #include "film/splat.glsl"
 #include "film/radiance.glsl"
 
@@ -22,7 +23,7 @@ layout(push_constant, scalar) uniform Arguments {
   Pairs coverage;  // per slot
 };
 
-void loadPair(uint pair, bvec2 valid, out float value[2 * kChannels], inout uint non_finite, inout uint bad_shade) {
+void loadPair(uint pair, bvec2 valid, out float value[kPairValues], inout uint non_finite, inout uint bad_shade) {
   vec3 color[2], normals[2];
   loadRadiancePair(radiance_arguments, pair, valid, color, non_finite, bad_shade);
   vec3Pair(normal, pair, normals);

@@ -11,6 +11,7 @@
 #include "film/filter.glsl"
 const uint kChannels = 3;
 const uint kWeightChannel = 3;  // none
+const uint kPairValues = 2 * kChannels;
 #include "film/splat.glsl"
 #include "film/radiance.glsl"
 
@@ -19,7 +20,7 @@ layout(push_constant, scalar) uniform Arguments {
   RadianceArguments radiance_arguments;
 };
 
-void loadPair(uint pair, bvec2 valid, out float value[2 * kChannels], inout uint non_finite, inout uint bad_shade) {
+void loadPair(uint pair, bvec2 valid, out float value[kPairValues], inout uint non_finite, inout uint bad_shade) {
   vec3 color[2];
   loadRadiancePair(radiance_arguments, pair, valid, color, non_finite, bad_shade);
   [[unroll]] for (uint i = 0; i < 2 * kChannels; ++i) value[i] = color[i / kChannels][i % kChannels];

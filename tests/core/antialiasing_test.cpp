@@ -5,6 +5,7 @@
 #include <bit>
 #include <cstring>
 
+#include "core/path/film_keys.h"
 #include "core/path/footprint.h"
 #include "core/shade/lights.h"
 #include "path_world.h"
@@ -49,7 +50,15 @@ struct Values {
 std::vector<BlockOrigin> blocksOf(const Settings& settings) {
   std::vector<BlockOrigin> blocks;
   for (uint32_t y = 0; y < settings.height; y += kBlockPixels)
-    for (uint32_t x = 0; x < settings.width; x += kBlockPixels) blocks.push_back({x, y});
+    for (uint32_t x = 0; x < settings.width; x += kBlockPixels) blocks.push_back({int32_t(x), int32_t(y)});
+  return blocks;
+}
+
+// Those, and some of the overscan.
+std::vector<BlockOrigin> blocksAround(const Settings& settings) {
+  std::vector<BlockOrigin> blocks = blocksOf(settings);
+  const int32_t width = int32_t(settings.width), height = int32_t(settings.height);
+  blocks.insert(blocks.end(), {{-16, 0}, {-32, -16}, {width, 0}, {16, height}, {width + 16, height}, {0, -160}});
   return blocks;
 }
 
@@ -85,10 +94,12 @@ Values slowly(World& world, std::span<const BlockOrigin> blocks) {
   size_t slot = 0;
   for (const BlockOrigin block : blocks) {
     for (uint32_t p = 0; p < kBlockArea; ++p) {
-      const uint32_t x = block.x + p % kBlockPixels, y = block.y + p / kBlockPixels, pixel = y * settings.width + x;
+      const int32_t x = block.x + int32_t(p % kBlockPixels), y = block.y + int32_t(p / kBlockPixels);
+      const uint32_t pixel = pixelKey(settings, x, y);
       for (uint32_t s = 0; s < per_pixel; ++s, ++slot) {
         values.first[slot] = {}, values.position[slot] = 0;
-        if (x >= settings.width || y >= settings.height) continue;
+        if (block.x >= 0 && block.x < int32_t(settings.width) && x >= int32_t(settings.width)) continue;
+        if (block.y >= 0 && block.y < int32_t(settings.height) && y >= int32_t(settings.height)) continue;
         const uint32_t position = values.position[slot] = filmPosition(settings, pixel, s);
         FirstHit& f = values.first[slot];
         f.film_x = float(x) + float(position & 0xffffu) * 0x1p-16f,
@@ -213,7 +224,7 @@ TEST(Antialiasing, OfPlainMaterialsToo) {
   world.stage.scene.camera.to_world = translation({0.2, -0.1, 0.5}) * rotation({0, 1, 0}, 0.1);
   world.stage.scene.camera.near_clip = 7, world.stage.scene.camera.far_clip = 11;
   world.build();
-  const auto blocks = blocksOf(world.settings);
+  const auto blocks = blocksAround(world.settings);
   expectEqual(quickly(world, blocks), slowly(world, blocks), "plain");
 }
 
@@ -394,7 +405,7 @@ TEST(Antialiasing, TracesSingleSlotsAgain) {
     furnish(world);
     frame(world, 39, 21, samples);
     world.build();
-    const auto blocks = blocksOf(world.settings);
+    const auto blocks = blocksAround(world.settings);
     const Values all = quickly(world, blocks);
     Stream stream(samples);
     std::vector<uint32_t> slots;

@@ -22,7 +22,7 @@ class DiceMaterial : public testing::Test {
   static void SetUpTestSuite() { device = Device::create({.select = {}, .validation = true}); }
   static void TearDownTestSuite() { device.reset(); }
 
-  static std::vector<DicedMesh> dice(const Scene& scene, float edge_length) {
+  static DicedMeshes dice(const Scene& scene, float edge_length) {
     Settings settings;
     settings.target_edge_length_world = edge_length;
     Patterns patterns(*device, scene);

@@ -95,7 +95,22 @@ TEST(ResolvedEdgeLengths, DivideByTheLargestScale) {
 
 TEST(ResolvedEdgeLengths, TurningAMeshDoesNotChangeItsDefault) {
   const float upright = resolvedEdgeLengths(sceneOf(cube(), {Affine3d{}}), {})[0];
-  EXPECT_NEAR(resolvedEdgeLengths(sceneOf(cube(), {rotation(0.7)}), {})[0], upright, 1e-6f * upright);
+  for (const double angle : {0.1, 0.7, 1.3})
+    EXPECT_EQ(resolvedEdgeLengths(sceneOf(cube(), {rotation(angle)}), {})[0], upright) << angle;
+}
+
+// To the last bit, so that what was diced for one frame is good for the next.
+TEST(ResolvedEdgeLengths, MovingAThingALittleDoesNotChangeOthers) {
+  const auto of = [](double x) {
+    Affine3d moved;
+    moved.origin = {x, 0, 0};
+    return resolvedEdgeLengths(sceneOf(cube(), {Affine3d{}, moved}), {})[0];
+  };
+  const float still = of(200);
+  EXPECT_GT(still, of(0)) << "the scene's size decides";
+  EXPECT_NEAR(still, 200.0f / 4096, 0.1f * still);
+  EXPECT_EQ(of(201), still);
+  EXPECT_EQ(of(200.000001), still);
 }
 
 TEST(DiceScene, KeepsWorldLengthsUnderNonUniformScale) {

@@ -88,6 +88,23 @@ TEST(FaceShape, NearestIsTheNearestOfManyPoints) {
 }
 
 // The quad's second triangle is a line in space: no ray hits it, and no vertex stands on it.
+TEST(FaceShape, OfASphereIsTheWholeSquare) {
+  DicedMesh mesh;
+  mesh.spheres = {{0, 0, 0, 1}, {1, 2, 3, 2}};
+  const FaceShape shape(mesh, 1);
+  EXPECT_FALSE(shape.triangular());
+  for (const Vec2f uv : {Vec2f{0, 0}, Vec2f{1, 1}, Vec2f{0.25f, 0.75f}}) {
+    const auto point = shape.find(uv);
+    ASSERT_TRUE(point);
+    EXPECT_EQ(point->triangle, 1u);
+    EXPECT_EQ(point->b1, uv.x / 2);
+    EXPECT_EQ(point->b2, uv.y / 2);
+  }
+  EXPECT_FALSE(shape.find({1.01f, 0.5f}));
+  EXPECT_EQ(shape.nearest({1.01f, 0.5f}, {0.1f, 0.1f})->b1, 0.5f);
+  EXPECT_EQ(shape.extrapolate({-0.5f, 0.5f}).b1, 0);
+}
+
 TEST(FaceShape, TrianglesWithoutAnAreaAreNotThere) {
   DicedMesh mesh;
   addQuad(mesh, {0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {1, 1, 0});

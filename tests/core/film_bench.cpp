@@ -30,7 +30,7 @@ Samples makeSamples(Device& device, uint32_t samples_per_pixel) {
   Samples s;
   const uint32_t height = samples_per_pixel > 16 ? kHeight / 4 : kHeight;
   for (uint32_t y = 0; y < height; y += kBlockPixels) {
-    for (uint32_t x = 0; x < kWidth; x += kBlockPixels) s.blocks.push_back({x, y});
+    for (uint32_t x = 0; x < kWidth; x += kBlockPixels) s.blocks.push_back({int32_t(x), int32_t(y)});
   }
   const uint32_t pixels = kWidth * height, slots = pixels * samples_per_pixel;
   s.shared.position = {device, slots, "position"};

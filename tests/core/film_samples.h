@@ -40,7 +40,8 @@ struct FrameTile {
 
 // The samples of a whole frame, on the host, in the order of its blocks.
 struct FrameSamples {
-  uint32_t width = 0, height = 0, samples_per_pixel = 0, layers = 0;
+  int32_t width = 0, height = 0;
+  uint32_t samples_per_pixel = 0, layers = 0;
   std::vector<FrameTile> tiles;
   std::vector<BlockOrigin> blocks;
   std::vector<uint32_t> position;
@@ -55,20 +56,21 @@ struct FrameSamples {
   BlockOrigin pixelOf(size_t slot) const {
     const size_t pixel = slot / samples_per_pixel % kBlockArea;
     const BlockOrigin& block = blocks[slot / samples_per_pixel / kBlockArea];
-    return {block.x + uint32_t(pixel % kBlockPixels), block.y + uint32_t(pixel / kBlockPixels)};
+    return {block.x + int32_t(pixel % kBlockPixels), block.y + int32_t(pixel / kBlockPixels)};
   }
   bool inside(size_t slot) const { return pixelOf(slot).x < width && pixelOf(slot).y < height; }
 };
 
 // Tiles in row order; in each its blocks column by column, from the right: the film must not assume an order.
-inline void cutIntoTiles(FrameSamples& f, uint32_t tile_width, uint32_t tile_height) {
-  for (uint32_t y = 0; y < f.height; y += tile_height) {
-    for (uint32_t x = 0; x < f.width; x += tile_width) {
+inline void cutIntoTiles(FrameSamples& f, int32_t tile_width, int32_t tile_height) {
+  const int32_t side = int32_t(kBlockPixels);
+  for (int32_t y = 0; y < f.height; y += tile_height) {
+    for (int32_t x = 0; x < f.width; x += tile_width) {
       const PixelRect rect{x, y, std::min(x + tile_width, f.width), std::min(y + tile_height, f.height)};
       const size_t first = f.blocks.size();
-      for (uint32_t bx = (rect.x1 - 1) / kBlockPixels * kBlockPixels + kBlockPixels; bx > x;) {
-        bx -= kBlockPixels;
-        for (uint32_t by = y; by < rect.y1; by += kBlockPixels) f.blocks.push_back({bx, by});
+      for (int32_t bx = (rect.x1 - 1) / side * side + side; bx > x;) {
+        bx -= side;
+        for (int32_t by = y; by < rect.y1; by += side) f.blocks.push_back({bx, by});
       }
       f.tiles.push_back({rect, first, f.blocks.size() - first});
     }
@@ -76,8 +78,8 @@ inline void cutIntoTiles(FrameSamples& f, uint32_t tile_width, uint32_t tile_hei
 }
 
 // Slots of pixels outside the image hold what must never count. tile_*: multiples of kBlockPixels.
-inline FrameSamples makeSamples(uint32_t width, uint32_t height, uint32_t samples_per_pixel, uint32_t layers,
-                                uint32_t tile_width = 1 << 20, uint32_t tile_height = 1 << 20) {
+inline FrameSamples makeSamples(int32_t width, int32_t height, uint32_t samples_per_pixel, uint32_t layers,
+                                int32_t tile_width = 1 << 20, int32_t tile_height = 1 << 20) {
   FrameSamples f{width, height, samples_per_pixel, layers, {}, {}, {}, {}, {}, {}, {}, {}, {}};
   cutIntoTiles(f, tile_width, tile_height);
   const size_t slots = f.blocks.size() * kBlockArea * samples_per_pixel;
@@ -146,8 +148,8 @@ struct FrameImages : FilmImages {
   std::vector<uint32_t> set;
 };
 
-inline FrameImages emptyImages(uint32_t width, uint32_t height, uint32_t layers) {
-  const size_t pixels = size_t(width) * height;
+inline FrameImages emptyImages(int32_t width, int32_t height, uint32_t layers) {
+  const size_t pixels = size_t(width) * size_t(height);
   FrameImages images;
   images.rect = {0, 0, width, height};
   images.layers.assign(layers, std::vector<Vec3f>(pixels));
@@ -163,7 +165,7 @@ inline void place(FrameImages& frame, const FilmImages& part) {
   const PixelRect& r = part.rect;
   ASSERT_EQ(part.composite.size(), r.area());
   for (size_t i = 0; i < r.area(); ++i) {
-    const size_t to = (r.y0 + i / r.width()) * frame.rect.width() + r.x0 + i % r.width();
+    const size_t to = (size_t(r.y0) + i / r.width()) * frame.rect.width() + size_t(r.x0) + i % r.width();
     for (size_t l = 0; l < frame.layers.size(); ++l) frame.layers[l][to] = part.layers[l][i];
     frame.composite[to] = part.composite[i];
     frame.alpha[to] = part.alpha[i];
@@ -176,7 +178,7 @@ inline void place(FrameImages& frame, const FilmImages& part) {
 // Renders the frame, tile by tile, in batches of so many blocks.
 inline FrameImages filmImages(Device& device, const FrameSamples& f, FilterKind kind, float radius, size_t batch,
                               uint64_t* non_finite = nullptr) {
-  Film film(device, f.width, f.height, kind, radius, f.layers, f.samples_per_pixel);
+  Film film(device, uint32_t(f.width), uint32_t(f.height), kind, radius, f.layers, f.samples_per_pixel);
   FrameImages images = emptyImages(f.width, f.height, f.layers);
   for (const FrameTile& tile : f.tiles) {
     film.beginTile(tile.rect);

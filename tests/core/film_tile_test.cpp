@@ -49,7 +49,7 @@ using FilmTileTest = FilmTest;
 
 TEST_F(FilmTileTest, IsTheWholeFrameToTheLastBit) {
   struct Case {
-    uint32_t width, height, tile_width, tile_height;
+    int32_t width, height, tile_width, tile_height;
   };
   const Case cases[] = {{1, 1, 16, 16},   {17, 1, 16, 16},  {1, 40, 16, 16},  {33, 47, 16, 16},
                         {33, 47, 32, 16}, {33, 47, 32, 32}, {48, 48, 16, 32}, {65, 35, 32, 32}};
@@ -106,9 +106,9 @@ TEST_F(FilmTileTest, HostMemoryIsAsPlanned) {
 #endif
   for (const bool debug : {false, true}) {
     const FrameSamples f = makeSamples(1000, 300, 1, 3, 256, 128);
-    Film film(device(), f.width, f.height, FilterKind::BlackmanHarris, 1.5f, f.layers, 1, debug);
+    Film film(device(), uint32_t(f.width), uint32_t(f.height), FilterKind::BlackmanHarris, 1.5f, f.layers, 1, debug);
     const size_t before = allocations().live;  // with the kernels, which are not planned
-    const uint64_t planned = Film::tileBytes(f.tiles[0].rect, f.width, 1.5f, f.layers, debug);
+    const uint64_t planned = Film::tileBytes(f.tiles[0].rect, uint32_t(f.width), 1.5f, f.layers, debug);
     for (const FrameTile& tile : f.tiles) {
       allocations().peak = allocations().live.load();
       film.beginTile(tile.rect);

@@ -55,7 +55,7 @@ struct Square {
   }
 
   Scene scene;
-  std::vector<DicedMesh> diced;
+  DicedMeshes diced;
   std::unique_ptr<TraceScene> trace;
   Vec3f direction;
 };

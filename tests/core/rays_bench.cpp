@@ -90,7 +90,7 @@ double wholeImage(World& world, Values& values, size_t blocks_per_batch, Run run
   const size_t per_pixel = size_t{settings.samples} * settings.samples;
   std::vector<BlockOrigin> blocks;
   for (uint32_t y = 0; y < settings.height; y += kBlockPixels)
-    for (uint32_t x = 0; x < settings.width; x += kBlockPixels) blocks.push_back({x, y});
+    for (uint32_t x = 0; x < settings.width; x += kBlockPixels) blocks.push_back({int32_t(x), int32_t(y)});
   const CameraRays camera = world.camera();
   double seconds = 0;
   for (size_t b = 0; b < blocks.size(); b += blocks_per_batch) {

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <map>
 #include <set>
 
 namespace encore {
@@ -27,6 +28,76 @@ TEST(ReuseTiles, HoldEveryBlockOnce) {
                   block.y < tile.rect.y1);
     }
   EXPECT_EQ(blocks.size(), 66u * 44u);
+}
+
+// Every tile of a window is one of the whole plane, and holds all of its blocks; what the filter reaches is rendered.
+TEST(ReuseTiles, OfAWindowAreThoseOfThePlane) {
+  Settings settings = frame(100, 70);
+  settings.reuse_tile_pixels = 32;
+  settings.filter_radius_pixels = 2.5f;  // reaches two pixels
+  settings.window = {-70, -40, 180, 140};
+  std::map<std::pair<int32_t, int32_t>, ReuseTile> plane;
+  for (const ReuseTile& tile : reuseTiles(settings)) plane[{tile.rect.x0, tile.rect.y0}] = tile;
+  EXPECT_EQ(plane.size(), (3u + 4u + 3u) * (2u + 3u + 3u));
+  for (const Window window :
+       {Window{0, 0, 100, 70}, {31, 33, 32, 34}, {-3, 66, 1, 71}, {95, -1, 110, 0}, {2, 2, 9, 9}}) {
+    settings.window = window;
+    const FilmArea area = filmArea(settings);
+    std::set<std::pair<int32_t, int32_t>> rendered;
+    for (const ReuseTile& tile : reuseTiles(settings)) {
+      ASSERT_TRUE(plane.contains({tile.rect.x0, tile.rect.y0}));
+      const ReuseTile& whole = plane[{tile.rect.x0, tile.rect.y0}];
+      EXPECT_EQ(tile.rect.x1, whole.rect.x1);
+      EXPECT_EQ(tile.rect.y1, whole.rect.y1);
+      EXPECT_EQ(tile.blocks.size(), whole.blocks.size());
+      EXPECT_FALSE(tile.rendered.empty());
+      for (const BlockOrigin block : tile.rendered) rendered.insert({block.x, block.y});
+      EXPECT_TRUE(tile.rect.x0 >= area.columns.front() && tile.rect.x1 <= area.columns.back());
+      EXPECT_TRUE(tile.rect.y0 >= area.rows.front() && tile.rect.y1 <= area.rows.back());
+    }
+    // Blocks with a pixel that is at most two away from one of the window, on the same side of the image's borders.
+    const auto side = [](int32_t at, int32_t size) { return at < 0 ? -1 : at < size ? 0 : 1; };
+    std::set<std::pair<int32_t, int32_t>> expected;
+    for (const auto& [at, tile] : plane)
+      for (const BlockOrigin block : tile.blocks)
+        for (int32_t y = block.y; y < std::min(block.y + 16, tile.rect.y1); ++y)
+          for (int32_t x = block.x; x < std::min(block.x + 16, tile.rect.x1); ++x) {
+            bool near = false;
+            for (int32_t wy = std::max(y - 2, window.y0); wy <= std::min(y + 2, window.y1 - 1); ++wy)
+              for (int32_t wx = std::max(x - 2, window.x0); wx <= std::min(x + 2, window.x1 - 1); ++wx)
+                near |= side(x, 100) == side(wx, 100) && side(y, 70) == side(wy, 70);
+            if (near) expected.insert({block.x, block.y});
+          }
+    EXPECT_EQ(rendered, expected) << window.x0 << ", " << window.y0;
+  }
+}
+
+TEST(ReuseTiles, OfOverscanBeginAtTheImagesBorders) {
+  Settings settings = frame(100, 70);
+  settings.reuse_tile_pixels = 32;
+  settings.filter_radius_pixels = 0.5f;
+  settings.window = {-1, -1, 101, 71};
+  EXPECT_EQ(filmArea(settings).columns, (std::vector<int32_t>{-32, 0, 100, 132}));
+  EXPECT_EQ(filmArea(settings).rows, (std::vector<int32_t>{-32, 0, 70, 102}));
+  settings.window = {40, 70, 50, 71};
+  EXPECT_EQ(filmArea(settings).columns, (std::vector<int32_t>{32, 64}));
+  EXPECT_EQ(filmArea(settings).rows, (std::vector<int32_t>{70, 102}));
+}
+
+// Seeds fill blocks of the overscan whole, and their keys are neither the image's nor those of nothing.
+TEST(ShadingRays, OfOverscan) {
+  const Settings settings = frame(21, 7);
+  for (const BlockOrigin block : {BlockOrigin{-16, -16}, {21, 0}, {-32, 0}, {0, 7}, {21, 7}}) {
+    const BlockRays rays = generateShadingRays(settings, std::span(&block, 1), 2);
+    const bool in_row = block.y == 0;  // whose blocks end with the image
+    EXPECT_EQ(rays.first.size(), shadingRayCount(settings, block, 2) * (in_row ? 7u : 16u) / 16u);
+    for (const FirstHit& f : rays.first) {
+      EXPECT_TRUE(f.active());
+      EXPECT_GE(f.pixel, 0x80000000u);
+      EXPECT_TRUE(f.film_x >= float(block.x) && f.film_x <= float(block.x + 16));
+      EXPECT_TRUE(f.film_y >= float(block.y) && f.film_y <= float(block.y + (in_row ? 7 : 16)));
+    }
+  }
 }
 
 TEST(ShadingRays, AreAsManyAsTheRateAsks) {

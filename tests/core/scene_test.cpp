@@ -40,6 +40,7 @@ Scene validScene() {
   scene.meshes = {twoQuads()};
   scene.prototypes = {{"/world/quads", {0}}};
   scene.instances = {{"/world/quads", 0, {}, {}, -1}};
+  scene.instance_primvars = {"wear"};
   scene.textures = {{"ground.png", 2, 1, {0, 0, 0, 1, 1, 1, 1, 1}, {}}};
   Material material;
   material.path = "/looks/ground";
@@ -260,6 +261,14 @@ TEST(ValidateScene, NamesBadPlacement) {
       {[](Scene& s) { s.prototypes[0].meshes = {7}; }, {"/world/quads", "index 7", "meshes number 1"}},
       {[](Scene& s) { s.instances[0].shading_rate[1] = 300; },
        {"/world/quads.primvars:encore:shadingRate:reflection", "300"}},
+      {[](Scene& s) { s.instances[0].primvars = {{1, true, {}}}; },
+       {"/world/quads.primvars", "index 1", "instance primvars number 1"}},
+      {[](Scene& s) { s.instances[0].primvars = {{0, true, {0, 0, kNan, 0}}}; },
+       {"/world/quads.primvars:wear", "nan", "not finite"}},
+      {[](Scene& s) { s.instances[0].primvars = {{0, true, {}}, {0, false, {}}}; },
+       {"/world/quads.primvars:wear", "more than once"}},
+      {[](Scene& s) { s.instance_primvars = {"wear", "wear"}; }, {"\"wear\"", "twice"}},
+      {[](Scene& s) { s.instance_primvars = {""}; }, {"empty"}},
       {[](Scene& s) { s.instances[0].material = 1; }, {"/world/quads.material:binding", "materials number 1"}},
       {[](Scene& s) { s.instances[0].to_world.ey = {0, 0, 0}; }, {"/world/quads.xformOp:transform", "inverted"}},
       {[](Scene& s) { s.instances[0].to_world.ey = {2, 0, 0}; }, {"/world/quads.xformOp:transform", "inverted"}},

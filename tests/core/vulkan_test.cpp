@@ -316,5 +316,39 @@ TEST_F(CommandsTest, ValidationMessagesAreNotCarriedOver) {
   EXPECT_EQ(values.host()[0], sequence(0, 5));
 }
 
+// By name, code and constants, for as long as each use asks for them.
+TEST_F(CommandsTest, KernelsOfAStoreAreMadeOnce) {
+  KernelStore store;
+  const auto pipelineOf = [](const Kernel& kernel) { return kernel.impl(); };
+  const Kernel::Impl* first = nullptr;
+  {
+    const KernelStore::Use use(*device, store);
+    const Kernel kernel(*device, "sequence", kSelfTestSpirv, {{64}}),
+        other(*device, "sequence", kSelfTestSpirv, {{32}});
+    const Kernel again(*device, "sequence", kSelfTestSpirv, {{64}}), named(*device, "named", kSelfTestSpirv, {{64}});
+    first = pipelineOf(kernel);
+    EXPECT_EQ(pipelineOf(again), first);
+    EXPECT_NE(pipelineOf(other), first);
+    EXPECT_EQ(named.name(), "named");
+    EXPECT_EQ(store.made(), 3u);
+  }
+  EXPECT_EQ(store.size(), 3u);
+  {
+    const KernelStore::Use use(*device, store);
+    const Kernel kernel(*device, "sequence", kSelfTestSpirv, {{64}});
+    EXPECT_EQ(pipelineOf(kernel), first);
+    EXPECT_EQ(store.made(), 0u);
+    Buffer<uint32_t> values(*device, 1, "values");
+    Commands commands(*device);
+    commands.dispatch(kernel, 1, Arguments{values.address(), 1, 5});
+    commands.run();
+    values.toHost();
+    EXPECT_EQ(values.host()[0], sequence(0, 5));
+  }
+  EXPECT_EQ(store.size(), 1u) << "what the last use did not ask for is gone";
+  const Kernel own(*device, "sequence", kSelfTestSpirv, {{64}});
+  EXPECT_NE(pipelineOf(own), first) << "no store is in use";
+}
+
 }  // namespace
 }  // namespace encore

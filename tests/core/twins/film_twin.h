@@ -16,7 +16,7 @@ struct TwinImages {
 };
 
 inline TwinImages twinImages(const FrameSamples& f, FilterKind kind, float radius) {
-  const size_t pixels = size_t(f.width) * f.height;
+  const size_t pixels = size_t(f.width) * size_t(f.height);
   TwinImages t{std::vector(f.layers, std::vector<Vec3d>(pixels)), std::vector<double>(pixels),
                std::vector<double>(pixels), std::vector<Vec3d>(pixels)};
   const int reach = int(std::ceil(radius)) + 1;
@@ -28,7 +28,7 @@ inline TwinImages twinImages(const FrameSamples& f, FilterKind kind, float radiu
       for (int i = std::max(0, int(pixel.x) - reach); i <= std::min(int(f.width) - 1, int(pixel.x) + reach); ++i) {
         const double weight = double(filterWeight(kind, radius, float(i + 0.5 - x))) *
                               double(filterWeight(kind, radius, float(j + 0.5 - y)));
-        const size_t to = size_t(j) * f.width + size_t(i);
+        const size_t to = size_t(j) * size_t(f.width) + size_t(i);
         t.weight[to] += weight;
         t.alpha[to] += weight * double(f.coverage[s]);
         t.normal[to] += toDouble(f.normal[s]) * weight;
@@ -85,7 +85,7 @@ inline void addBlock(const FrameSamples& f, size_t block, FilterKind kind, float
         for (int from = std::max(0, x - 2 * pad); from <= std::min(size - 1, x); ++from) {
           sum += columns[at(c, x - from, row, from)];
         }
-        planes[c][size_t(top + row) * f.width + size_t(left + x)] += sum;
+        planes[c][size_t(top + row) * size_t(f.width) + size_t(left + x)] += sum;
       }
     }
   }
@@ -108,7 +108,7 @@ inline FilmImages wholeFrameImages(const FrameSamples& f, FilterKind kind, float
   }
   for (size_t i = 0; i < f.depth.size(); ++i) {
     const BlockOrigin at = f.pixelOf(i * f.samples_per_pixel);
-    if (at.x < f.width && at.y < f.height) images.depth[size_t(at.y) * f.width + at.x] = f.depth[i];
+    if (at.x < f.width && at.y < f.height) images.depth[size_t(at.y) * size_t(f.width) + size_t(at.x)] = f.depth[i];
   }
   return images;
 }
