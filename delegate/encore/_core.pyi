@@ -1,7 +1,7 @@
 """Types of the extension module (core/python); its docstrings say what everything means."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +18,9 @@ class Error(Exception):
     where: str
     remedy: str
 
-class Scene:
-    def __init__(self) -> None: ...
-    def add_mesh(
+class Mesh:
+    path: str
+    def __init__(
         self,
         path: str,
         points: _Floats,
@@ -42,16 +42,39 @@ class Scene:
         normals: _Primvar | None = None,
         display_color: _Primvar | None = None,
         texcoords: Sequence[_NamedPrimvar] = (),
-        face_materials: _Ints | None = None,
-        material: int = 0,
         target_edge_length_world: float = 0.0,
-        shading_rate: _Triple = ...,
         primvars: Sequence[_NamedPrimvar] = (),
         thin_walled: bool = False,
-        link_group: int = 0,
         motion_points: _Floats | None = None,
         motion_normals: _Floats | None = None,
+    ) -> None: ...
+
+class Texture:
+    path: str
+    width: int
+    height: int
+    def __init__(
+        self,
+        path: str,
+        width: int,
+        height: int,
+        read: Callable[[], npt.NDArray[np.float16]],
+        reused: Callable[[], None] | None = None,
+    ) -> None: ...
+
+class Scene:
+    def __init__(self) -> None: ...
+    @overload
+    def add_mesh(
+        self,
+        mesh: Mesh,
+        material: int = 0,
+        face_materials: _Ints | None = None,
+        shading_rate: _Triple = ...,
+        link_group: int = 0,
     ) -> int: ...
+    @overload
+    def add_mesh(self, path: str, points: _Floats, *arguments: _Ints, **keywords: Any) -> int: ...
     def add_prototype(self, path: str, meshes: Sequence[int]) -> int: ...
     def add_instance(
         self,
@@ -73,7 +96,20 @@ class Scene:
         shading_rates: _Floats | None = None,
         motions: _Doubles | None = None,
         link_group: int = -1,
+        primvars: Sequence[tuple[str, bool, _Floats]] = (),
     ) -> int: ...
+    def add_each_instance(
+        self,
+        paths: Sequence[str],
+        prototypes: _Ints,
+        matrices: _Doubles,
+        materials: _Ints | None = None,
+        shading_rates: _Floats | None = None,
+        link_groups: _Ints | None = None,
+    ) -> int: ...
+    @overload
+    def add_texture(self, texture: Texture) -> int: ...
+    @overload
     def add_texture(self, path: str, pixels: _Floats) -> int: ...
     def add_texture_source(
         self, path: str, width: int, height: int, read: Callable[[], npt.NDArray[np.float16]]
@@ -135,11 +171,20 @@ def devices() -> list[dict[str, Any]]: ...
 def create_device(select: str = "", validation: bool = False) -> Device: ...
 def default_settings() -> dict[str, Any]: ...
 def versions() -> dict[str, str]: ...
+
+class RenderCache:
+    def __init__(self) -> None: ...
+    @property
+    def made(self) -> dict[str, int]: ...
+    @property
+    def held(self) -> dict[str, int]: ...
+
 def render(
     scene: Scene,
     settings: Mapping[str, Any],
     device: Device | None = None,
     progress: Callable[[float, str], bool] | None = None,
     tile: Callable[[int, int, dict[str, Any]], None] | None = None,
+    cache: RenderCache | None = None,
 ) -> dict[str, Any]: ...
 def trace_raw(scene: Scene, settings: Mapping[str, Any]) -> dict[str, Any]: ...

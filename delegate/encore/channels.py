@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,21 +17,26 @@ Pixels = npt.NDArray[np.float32]
 
 
 class Part(NamedTuple):
-    """Channels that belong together. pixels: (height, width, len(names)), top row first."""
+    """Channels that belong together. pixels: (height, width, len(names)), top row first.
+
+    pixel_type: of the file: float, half or uint; of uint, pixels hold shares of the largest number.
+    """
 
     names: tuple[str, ...]
     pixels: Pixels
+    pixel_type: str = "float"
 
 
-def parts(images: Mapping[str, Any]) -> list[Part]:
+def parts(images: Mapping[str, Any], color_map: Callable[[Pixels], Pixels] | None = None) -> list[Part]:
     """The channels of a rectangle, in the order in which files list them.
 
-    images: what encore._core.render() hands to its tile callback.
+    images: what encore._core.render() hands to its tile callback. color_map: what (height, width, 3) radiance
+    becomes first; None: nothing else.
     """
-    found = [_part("", "RGB", images["composite"]), _part("", "A", images["alpha"])]
-    found += [_part(f"{layer}.", "RGB", pixels) for layer, pixels in images["layers"].items()]
-    depth = images["depth"]
-    found.append(_part("", "Z", np.where(np.isposinf(depth), EMPTY_DEPTH, depth)))
+    convert = color_map or (lambda pixels: pixels)
+    found = [_part("", "RGB", convert(images["composite"])), _part("", "A", images["alpha"])]
+    found += [_part(f"{layer}.", "RGB", convert(pixels)) for layer, pixels in images["layers"].items()]
+    found.append(_part("", "Z", finite_depth(images)))
     found.append(_part("N.", "XYZ", images["normal"]))
     for layer, debug in images.get("debug", {}).items():
         found += [
@@ -44,6 +49,17 @@ def parts(images: Mapping[str, Any]) -> list[Part]:
 def names(found: Sequence[Part]) -> tuple[str, ...]:
     """All channel names, in order."""
     return tuple(name for part in found for name in part.names)
+
+
+def pixel_types(found: Sequence[Part]) -> tuple[str, ...]:
+    """Of all channels, in order."""
+    return tuple(part.pixel_type for part in found for _ in part.names)
+
+
+def finite_depth(images: Mapping[str, Any]) -> Pixels:
+    """(height, width): EMPTY_DEPTH where nothing was hit."""
+    depth: Pixels = images["depth"]
+    return np.where(np.isposinf(depth), EMPTY_DEPTH, depth)
 
 
 def require_finite(found: Sequence[Part], x0: int, y0: int) -> None:

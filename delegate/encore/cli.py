@@ -107,7 +107,8 @@ def _add_record_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "output",
         metavar="OUTPUT",
-        help="image to write, .exr or .png; with --frames, its name holds one placeholder: ### or ###.###",
+        help="image to write, .exr or .png; with --frames, its name holds one placeholder: ### or ###.###. "
+        "A folder, or - for the current one: render products are written there under their own names",
     )
     _add_stage_flags(parser)
     _add_time_flags(parser, ranges=True)
@@ -129,8 +130,8 @@ def _add_stage_flags(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--purposes",
         metavar="PURPOSE[,PURPOSE...]",
-        default="proxy",
-        help="purposes to render besides default: render, proxy, guide (default: proxy)",
+        help="purposes to render besides default: render, proxy, guide (default: those of the render "
+        "settings, else proxy)",
     )
     group.add_argument(
         "--sessionLayer", metavar="LAYER", default="", help="layer to use as the session layer"
@@ -140,8 +141,8 @@ def _add_stage_flags(parser: argparse.ArgumentParser) -> None:
         "-cam",
         metavar="PRIM",
         default="",
-        help="camera, as a prim path or a prim's name (default: main_cam, else the stage's only camera, else "
-        "one that frames the whole stage)",
+        help="camera, as a prim path or a prim's name (default: that of the render settings, else main_cam, "
+        "else the stage's only camera, else one that frames the whole stage)",
     )
     group.add_argument(
         "--disableMotionBlur", action="store_true", help="everything stands still, as at the frame's time"
@@ -176,11 +177,30 @@ def _add_stage_flags(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="fail when something of the stage cannot be rendered as it says, instead of reporting it",
     )
-    for flag, short, what in (
-        ("--renderPassPrimPath", "-rp", "a RenderPass prim"),
-        ("--renderSettingsPrimPath", "-rs", "a RenderSettings prim"),
-    ):
-        group.add_argument(flag, short, metavar="PRIM", action=_NotYet, help=f"{what}; not supported yet")
+    group.add_argument(
+        "--renderPassPrimPath",
+        "-rp",
+        metavar="PRIM",
+        default="",
+        help="RenderPass to render: its settings, without what it prunes and hides",
+    )
+    group.add_argument(
+        "--renderSettingsPrimPath",
+        "-rs",
+        metavar="PRIM",
+        default="",
+        help="RenderSettings to render (default: those that the stage names, if it does); none: flags decide "
+        "everything",
+    )
+    group.add_argument(
+        "--disableDrawMode", action="store_true", help="render full geometry in place of any draw mode"
+    )
+    group.add_argument(
+        "--resolver",
+        choices=("root", "inherit"),
+        default="root",
+        help="asset resolver context: that of the stage's file, or that of the environment (default: root)",
+    )
 
 
 def _add_time_flags(parser: argparse.ArgumentParser, *, ranges: bool) -> None:
@@ -279,14 +299,16 @@ def _add_log_flags(parser: argparse.ArgumentParser) -> None:
             "alf, openjd and json go to standard output (default: auto)",
         )
         group.add_argument("--quiet", "-q", action="store_true", help="print only errors")
+        group.add_argument(
+            "--traceToFile", metavar="FILE", default="", help="write where USD itself spends its time"
+        )
+        group.add_argument(
+            "--traceFormat",
+            choices=("chrome", "trace"),
+            default="chrome",
+            help="JSON for Chrome's trace viewer, or a report to read (default: chrome)",
+        )
     group.add_argument("--verbose", "-v", action="store_true", help="say more; show where errors come from")
-
-
-class _NotYet(argparse.Action):
-    """A flag of usdrecord's that is understood and refused."""
-
-    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
-        raise UsageError("not supported yet", option_string or "", "Use --camera and the other flags instead")
 
 
 def given_settings(options: argparse.Namespace) -> dict[str, Any]:
@@ -324,7 +346,7 @@ def _record_options(options: argparse.Namespace, output: str) -> Any:
         output=output,
         settings=given_settings(options),
         mask=_split_list(options.mask),
-        purposes=_split_list(options.purposes),
+        purposes=None if options.purposes is None else _split_list(options.purposes),
         session_layer=options.sessionLayer,
         camera=options.camera,
         frames=options.frames,
@@ -336,6 +358,12 @@ def _record_options(options: argparse.Namespace, output: str) -> Any:
         shutter_close=_frames(options.shutterClose, "--shutterClose"),
         complexity=options.complexity,
         strict=options.strict,
+        render_settings=options.renderSettingsPrimPath,
+        render_pass=options.renderPassPrimPath,
+        resolver=options.resolver,
+        ignore_draw_modes=options.disableDrawMode,
+        trace_file=getattr(options, "traceToFile", ""),
+        trace_format=getattr(options, "traceFormat", "chrome"),
         color=color.ColorOptions(
             getattr(options, "colorCorrectionMode", ""),
             getattr(options, "ocioConfig", ""),

@@ -51,6 +51,9 @@ def dump(translation: Translation) -> str:
             lines.append(f"  link_group: {instance['link_group']}")
         if any(instance["shading_rate"]):
             lines.append(f"  shading_rate: {_text(instance['shading_rate'])}")
+        for primvar in instance["primvars"]:
+            wins = " over the meshes' own" if primvar["wins"] else ""
+            lines.append(f"  primvar {primvar['name']}: {_text(primvar['value'])}{wins}")
     lines += [f"report {line}" for line in translation.reports.lines()]
     return "\n".join(lines) + "\n"
 
@@ -111,21 +114,38 @@ def _texture(texture: Mapping[str, Any]) -> list[str]:
 
 
 # Of meshes: what has lines of its own, and what is only said where it is not so.
-_APART = ("path", "material", "face_materials", "texcoords", "primvars", "normals", "display_color")
-_MESH_NEUTRAL = {"thin_walled": False, "link_group": 0}
+_APART = ("path", "material", "face_materials", "texcoords", "primvars", "normals", "display_color", "widths")
+_MESH_NEUTRAL = {"thin_walled": False, "link_group": 0, "shape": "faces"}
+# Of meshes: what is only said of other shapes than faces, and what is said of faces alone.
+_OF_CURVES = ("basis", "wrap")
+_OF_FACES = (
+    "scheme",
+    "interpolate_boundary",
+    "face_varying",
+    "triangle_subdivision",
+    "left_handed",
+)
 # Of materials: what is only said where it does something.
 _INPUT_NEUTRAL = {"normal": (0.0, 0.0, 1.0), "displacement": 0.0}
 
 
 def _mesh(mesh: Mapping[str, Any], materials: list[str]) -> list[str]:
     lines = [f"mesh {mesh['path']}"]
-    for name, value in ((n, _stacked(v)) for n, v in mesh.items() if n not in _APART):
+    shape = mesh["shape"]
+    unsaid = {*_APART, *(() if shape == "curves" else _OF_CURVES), *(() if shape == "faces" else _OF_FACES)}
+    for name, value in ((n, _stacked(v)) for n, v in mesh.items() if n not in unsaid):
         if isinstance(value, np.ndarray) and value.size == 0:
             continue
         if name in _MESH_NEUTRAL and value == _MESH_NEUTRAL[name]:
             continue
         lines.append(f"  {name}: {_text(value)}")
-    for primvar in (mesh["normals"], mesh["display_color"], *mesh["texcoords"], *mesh["primvars"]):
+    for primvar in (
+        mesh["widths"],
+        mesh["normals"],
+        mesh["display_color"],
+        *mesh["texcoords"],
+        *mesh["primvars"],
+    ):
         if primvar:
             indices = f" indices {_array(primvar['indices'])}" if primvar["indices"].size else ""
             lines.append(

@@ -20,16 +20,27 @@ TILE = 64
 # Rows of a chunk of a ZIP-compressed scanline file (OpenEXR File Layout).
 _CHUNK_ROWS = 16
 
+_FORMATS = {"float": oiio.FLOAT, "half": oiio.HALF, "uint": oiio.UINT32}
+
 # Primaries and white point of Rec.709 as (x, y) of red, green, blue and white.
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
 
-def open_exr(path: str, temporary: str, info: ImageInfo, names: Sequence[str]) -> ImageFile:
-    """A file of 32-bit floats, so that the composite stays exactly the sum of the layers."""
+def open_exr(
+    path: str, temporary: str, info: ImageInfo, names: Sequence[str], pixel_types: Sequence[str] = ()
+) -> ImageFile:
+    """A file of 32-bit floats, so that the composite stays exactly the sum of the layers.
+
+    pixel_types: of each channel, where a RenderVar asks for others: float, half or uint.
+    """
     spec = oiio.ImageSpec(info.width, info.height, len(names), "float")
     spec.channelnames = tuple(names)
+    if any(kind != "float" for kind in pixel_types):
+        spec.channelformats = tuple(_FORMATS[kind] for kind in pixel_types)
+    spec.x, spec.y = info.x, info.y
+    spec.full_width, spec.full_height = info.full_size or (info.width, info.height)
     spec.attribute("compression", "zip")
-    spec.attribute("chromaticities", "float[8]", REC709)
+    spec.attribute("chromaticities", "float[8]", info.chromaticities or REC709)
     spec.attribute("PixelAspectRatio", float(info.pixel_aspect_ratio))
     # Left empty, it is not written. Left out, it would be the time of day.
     spec.attribute("DateTime", "")

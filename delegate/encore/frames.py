@@ -7,11 +7,16 @@ from dataclasses import dataclass
 
 from pxr import Usd, UsdUtils
 
-from encore.errors import UsageError
+from encore.errors import SettingError, UsageError
 
 _NUMBER = r"(-?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+))"
 _FRAME_SPEC = re.compile(f"{_NUMBER}(?::{_NUMBER}(?:x{_NUMBER})?)?")
 _MOST_FRAMES = 1_000_000
+# usdrecord's, C's and Houdini's.
+_PRODUCT_PLACEHOLDER = re.compile(
+    r"(?P<hashes>#+(?:\.#+)?)|%0?(?P<c>[0-9]*)d|\$F(?![A-Za-z])(?P<f>[0-9]?)|<F(?P<angle>[0-9]*)>"
+    r"|\$\{F(?P<brace>[0-9]*)\}"
+)
 PLACEHOLDER_HELP = "Write one placeholder such as ### or ###.### (any number of #) into the output name"
 
 
@@ -82,6 +87,43 @@ def plan(stage: Usd.Stage, output: str, frames: str | None, default_time: bool) 
             f"Write {'#' * max(1, len(parts[1].split('.')[0]))}.{'#' * decimals}",
         )
     return [Frame(Usd.TimeCode(t), fill_placeholder(output, t), f"{t:g}") for t in times]
+
+
+def times(stage: Usd.Stage, frames: str | None, default_time: bool) -> list[Frame]:
+    """The frames that the flags ask for, without names of images."""
+    if frames is not None:
+        return [Frame(Usd.TimeCode(t), "", f"{t:g}") for t in parse_frame_specs(frames)[0]]
+    return plan(stage, "", None, default_time)
+
+
+def expand_product_name(name: str, time: Usd.TimeCode, where: str) -> str:
+    """A productName with its frame number for ####, ###.###, <F4>, $F4, ${F4} and %04d, all of them.
+
+    where: the attribute, for messages. Throws SettingError where the time is no number that fits.
+    """
+
+    def number(match: re.Match[str]) -> str:
+        hashes, width = (
+            match["hashes"],
+            next((match[g] for g in ("c", "f", "angle", "brace") if match[g]), ""),
+        )
+        if time.IsDefault():
+            raise SettingError(
+                f"'{name}' has a frame placeholder, and the default time has no number",
+                where,
+                "Give --frames",
+            )
+        value = time.GetValue()
+        decimals = _decimals(hashes) if hashes else 0
+        if not float(round(value, decimals)) == value:
+            raise SettingError(
+                f"'{match[0]}' in '{name}' has no place for the decimals of frame {value:g}",
+                where,
+                "Write a placeholder such as ####.##",
+            )
+        return f"{value:0{len(hashes) if hashes else int(width or 1)}.{decimals}f}"
+
+    return _PRODUCT_PLACEHOLDER.sub(number, name)
 
 
 def _decimals(number: str) -> int:

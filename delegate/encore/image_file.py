@@ -16,13 +16,22 @@ from encore.errors import InternalError, OutputError
 
 @dataclass(frozen=True)
 class ImageInfo:
-    """Shape and header of an image. band_rows: rows that a row of rectangles has at most, for planning."""
+    """Shape and header of an image. band_rows: rows that a row of rectangles has at most, for planning.
+
+    width, height: of the pixels that there are. x, y: where the first of them is in the whole image, whose
+    size is full_size (None: there are no others). chromaticities: of linear colours, as EXR has them (None:
+    Rec.709).
+    """
 
     width: int
     height: int
     band_rows: int
     header: Mapping[str, str] = field(default_factory=dict)
     pixel_aspect_ratio: float = 1.0
+    x: int = 0
+    y: int = 0
+    full_size: tuple[int, int] | None = None
+    chromaticities: tuple[float, ...] | None = None
 
 
 class ImageFile(Protocol):
@@ -113,13 +122,15 @@ class OiioOutput:
         self._file = file
 
     def write_rows(self, y: int, pixels: npt.NDArray[Any]) -> None:
-        """pixels: (rows, width, channels), of the type of the file."""
+        """pixels: (rows, width, channels). y: from the first row that there is."""
         self._open()
+        y += self._spec.y
         self._require(self._file.write_scanlines(y, y + len(pixels), 0, pixels))
 
     def write_tiles(self, x: int, y: int, pixels: npt.NDArray[Any]) -> None:
         """Whole tiles, or up to the image's border. pixels: (rows, columns, channels), contiguous."""
         self._open()
+        x, y = x + self._spec.x, y + self._spec.y
         rows, columns = pixels.shape[:2]
         self._require(self._file.write_tiles(x, x + columns, y, y + rows, 0, 1, pixels))
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from encore.channels import names, parts, require_finite
+from encore.channels import Part, names, parts, pixel_types, require_finite
 from encore.color import DisplayTransform
 from encore.errors import InternalError
 from encore.exr_file import open_exr
@@ -26,11 +26,17 @@ class ImageWriter:
     """A file whose pixels come while the body of a `with` statement runs.
 
     Leaving the body waits until the file is on disk under its name; leaving it by an exception leaves none.
-    transform: for PNG; EXR is scene-linear.
+    transform: for PNG; EXR is scene-linear. select: what of a rectangle's images the file holds.
     """
 
-    def __init__(self, path: str, info: ImageInfo, transform: DisplayTransform) -> None:
-        self._path, self._info, self._transform = path, info, transform
+    def __init__(
+        self,
+        path: str,
+        info: ImageInfo,
+        transform: DisplayTransform,
+        select: Callable[[Mapping[str, Any]], list[Part]] = parts,
+    ) -> None:
+        self._path, self._info, self._transform, self._select = path, info, transform, select
         self._queue = _Queue(_QUEUE_BYTES)
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._run, name="image writer", daemon=True)
@@ -84,9 +90,9 @@ class ImageWriter:
         while (rectangle := self._queue.get()) is not None:
             started = time.perf_counter()
             x0, y0, images = rectangle
-            found = parts(images)
+            found = self._select(images)
             require_finite(found, x0, y0)
-            file = file or self._open(temporary, names(found))
+            file = file or self._open(temporary, found)
             file.add(x0, y0, found)
             self.busy_s += time.perf_counter() - started
         if file is None:
@@ -95,10 +101,10 @@ class ImageWriter:
         file.close()
         self.busy_s += time.perf_counter() - started
 
-    def _open(self, temporary: str, channels: tuple[str, ...]) -> ImageFile:
+    def _open(self, temporary: str, found: list[Part]) -> ImageFile:
         if Path(self._path).suffix.lower() == ".png":
             return PngFile(self._path, temporary, self._info, self._transform)
-        return open_exr(self._path, temporary, self._info, channels)
+        return open_exr(self._path, temporary, self._info, names(found), pixel_types(found))
 
 
 class _Abandoned(Exception):  # noqa: N818

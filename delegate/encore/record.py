@@ -6,55 +6,39 @@ import re
 import signal
 import threading
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any
 
-from pxr import Ar, Sdf, Tf, Usd, UsdGeom, UsdUtils
+from pxr import Ar, Sdf, Tf, Usd, UsdUtils
 
 from encore import __version__, stats
-from encore.adapters.camera import ShutterOptions
-from encore.color import ColorOptions, DisplayTransform, display_transform
-from encore.errors import Cancelled, EncoreError, SettingError, StageError, UsageError
-from encore.frames import Frame, parse_frame_specs, plan
+from encore.color import display_transform
+from encore.errors import Cancelled, EncoreError, StageError, UsageError
+from encore.frame_recorder import FrameRecorder, RenderedFrame
+from encore.frames import parse_frame_specs
 from encore.output import check_format, check_writable
 from encore.progress import Progress
-from encore.render_pass import RenderedFrame, RenderPass, create_device, first_line, translate
+from encore.record_options import NORMAL, QUIET, VERBOSE, RecordOptions, refined, sync_options
+from encore.render_delegate import RenderDelegate
+from encore.render_pass import create_device, first_line, translate
+from encore.render_products import PRODUCT_NAMES, FrameJob, Render, plan_first, plan_run
+from encore.report import Reports
 from encore.settings import resolve, shader_cache_folder
+from encore.trace_file import traced
 
-QUIET, NORMAL, VERBOSE = 0, 1, 2
-
-# Each level halves the edges of the last, as each of usdrecord's refines once more.
-COMPLEXITIES = {"low": 0, "medium": 1, "high": 2, "veryhigh": 3}
-
-
-@dataclass(frozen=True)
-class RecordOptions:
-    """What the flags say; docs/usage.md explains them. settings: by key of encore.settings, None: default."""
-
-    stage: str
-    output: str
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    mask: tuple[str, ...] = ()
-    purposes: tuple[str, ...] = ("proxy",)
-    session_layer: str = ""
-    camera: str = ""
-    frames: str | None = None
-    default_time: bool = False
-    camera_light: bool = True
-    motion_blur: bool = True
-    depth_of_field: bool = True
-    shutter_open: float | None = None
-    shutter_close: float | None = None
-    complexity: str = "low"
-    color: ColorOptions = field(default_factory=ColorOptions)
-    device: str = ""
-    disable_gpu: bool = False
-    strict: bool = False
-    stats: str = ""
-    verbosity: int = NORMAL
+__all__ = [
+    "NORMAL",
+    "QUIET",
+    "VERBOSE",
+    "RecordOptions",
+    "dump_text",
+    "open_stage",
+    "record",
+    "refined",
+    "sync_options",
+]
 
 
 class StopSignals:
@@ -118,7 +102,11 @@ class UsdDiagnostics:
 def record(options: RecordOptions, progress: Progress) -> None:
     """Renders every frame and writes it; stops at the first that fails. Throws EncoreError."""
     try:
-        with StopSignals() as signals, UsdDiagnostics(options.verbosity, progress):
+        with (
+            StopSignals() as signals,
+            UsdDiagnostics(options.verbosity, progress),
+            traced(options.trace_file, options.trace_format),
+        ):
             _record(options, progress, signals)
     except EncoreError as error:
         progress.fail(str(error))
@@ -128,82 +116,149 @@ def record(options: RecordOptions, progress: Progress) -> None:
 
 
 def _record(options: RecordOptions, progress: Progress, signals: StopSignals) -> None:
-    settings = refined(options.complexity, resolve(options.settings))
-    transform = display_transform(options.color)
-    check_format(options.output)
     started = time.perf_counter()
+    transform = display_transform(options.color)
+    refined(options.complexity, resolve(options.settings))  # what is wrong with flags comes first
+    _check_output(options.output)
     stage = open_stage(options)
-    frames = plan(stage, options.output, options.frames, options.default_time)
-    for file in (*(frame.output for frame in frames), options.stats):
+    reports = Reports()
+    jobs = plan_run(options, stage, reports)
+    _report_plan(options, reports, progress)
+    files = [file.path for job in jobs for render in job.renders for file in render.files]
+    for file in (*files, options.stats):
         if file:
             check_writable(file)
-    translation_options = sync_options(options, settings)
+    settings = jobs[0].renders[0].settings
     shader_cache_folder(settings["shader_cache"])  # says at once what is wrong with it
     signals.check()
 
     device = create_device(options.device, options.disable_gpu)
-    open_s = time.perf_counter() - started
-    render_pass = RenderPass(stage, settings, device, translation_options, options.stage)
-    progress.frames = len(frames)
-    _say_what_is_ignored(options, stage, frames, progress)
-    entries: list[dict[str, Any]] = []
-    for index, frame in enumerate(frames):
-        progress.begin_frame(index, frame.label)
-        entry = _record_frame(options, render_pass, transform, frame, open_s, progress, signals)
-        open_s = 0.0
-        entries.append(entry)
-        progress.written(frame.output)
-        if options.stats:
+    delegate = RenderDelegate(settings, device, source=options.stage)
+    recorder = FrameRecorder(stage, delegate, options.stage, transform)
+    run = _Run(options, recorder, progress, signals, time.perf_counter() - started)
+    progress.frames = sum(len(job.renders) for job in jobs)
+    _say_what_is_ignored(options, settings, files, progress)
+    plan_warnings = {report.kind: report.count for report in reports}
+    for job in jobs:
+        failure = run.frame(job)
+        if options.stats and run.entries:
             document = stats.run_statistics(
-                entries, version=__version__, stage=options.stage, settings=settings, device=device.info
+                run.entries, version=__version__, stage=options.stage, settings=settings, device=device.info
             )
+            document["warnings"] = plan_warnings | document["warnings"]
             stats.write(options.stats, document)
+        if failure is not None:
+            raise failure
 
 
-def _record_frame(
-    options: RecordOptions,
-    render_pass: RenderPass,
-    transform: DisplayTransform,
-    frame: Frame,
-    open_s: float,
-    progress: Progress,
-    signals: StopSignals,
-) -> dict[str, Any]:
-    """Renders and writes one frame; its entry of the statistics. open_s: time to charge to it as sync."""
-    started = time.perf_counter()
+def _check_output(output: str) -> None:
+    """Throws UsageError for an OUTPUT that is neither a folder, `-`, nor images."""
+    if output != PRODUCT_NAMES and not output.endswith("/") and not Path(output).is_dir():
+        for name in output.split(",") if not Path(output).suffix else [output]:
+            check_format(name)
 
-    def advance(done: float, stage_name: str) -> bool:
-        progress.update(done, stage_name)
-        return not signals.number
 
-    try:
-        rendered = render_pass.render(frame.time, frame.label, frame.output, transform, advance)
-    except Cancelled:
-        raise Cancelled(signals.number or signal.SIGINT) from None
-    warnings = _report(options, rendered, progress)
-    if options.strict and rendered.reports.has_errors:
-        # Found while rendering, such as pixels of a texture: what sync found has ended the run before.
-        error = rendered.reports.errors[0]
+def _report_plan(options: RecordOptions, reports: Reports, progress: Progress) -> None:
+    """Says what of the render settings is not as the stage says. Throws StageError with --strict."""
+    if options.strict and reports.has_errors:
+        error = reports.errors[0]
         raise StageError(
             f"{error.path}: {error.message}", options.stage, "Repair it, or render without --strict"
         )
-    return stats.frame_statistics(
-        rendered.statistics,
-        frame=frame.label,
-        output=frame.output,
-        camera=rendered.camera,
-        sync_s=open_s + rendered.sync_s,
-        write_s=rendered.write_s,
-        total_s=open_s + time.perf_counter() - started,
-        warnings=warnings,
-    )
+    if options.verbosity > QUIET:
+        for line in reports.lines():
+            progress.message(_as_warning(line))
+
+
+class _Run:
+    """The renders of a run, one after the other. open_s: time to charge to the first as sync."""
+
+    def __init__(
+        self,
+        options: RecordOptions,
+        recorder: FrameRecorder,
+        progress: Progress,
+        signals: StopSignals,
+        open_s: float,
+    ) -> None:
+        self._options, self._recorder = options, recorder
+        self._progress, self._signals = progress, signals
+        self._open_s = open_s
+        self._number = 0
+        self.entries: list[dict[str, Any]] = []  # of the statistics
+
+    def frame(self, job: FrameJob) -> BaseException | None:
+        """Renders and writes a frame. One render that fails does not stop the others: the first failure."""
+        failure: BaseException | None = None
+        said: set[str] = set()
+        for render in job.renders:
+            self._progress.begin_frame(self._number, job.label)
+            self._number += 1
+            try:
+                failed = self._render(job, render, said)
+            except Cancelled:
+                raise Cancelled(self._signals.number or signal.SIGINT) from None
+            except EncoreError as error:
+                failed = error
+            if failed is not None and failure is not None:
+                self._progress.message(f"Warning: {failed}")
+            failure = failure or failed
+        return failure
+
+    def _render(self, job: FrameJob, render: Render, said: set[str]) -> BaseException | None:
+        """Renders and writes; what has kept a file of it from being written. said: lines of the frame."""
+        started = time.perf_counter()
+
+        def advance(done: float, stage_name: str) -> bool:
+            self._progress.update(done, stage_name)
+            return not self._signals.number
+
+        rendered = self._recorder.render(job.time, job.label, render, advance)
+        options = self._options
+        warnings = _report(options, rendered, self._progress, said)
+        if options.strict and rendered.reports.has_errors:
+            # Found while rendering, such as pixels of a texture: what sync found has ended the run before.
+            error = rendered.reports.errors[0]
+            raise StageError(
+                f"{error.path}: {error.message}", options.stage, "Repair it, or render without --strict"
+            )
+        entry = stats.frame_statistics(
+            rendered.statistics,
+            frame=job.label,
+            output=", ".join(rendered.written),
+            camera=rendered.camera,
+            sync_s=self._open_s + rendered.sync_s,
+            write_s=rendered.write_s,
+            total_s=self._open_s + time.perf_counter() - started,
+            warnings=warnings,
+        )
+        self._open_s = 0.0
+        self.entries.append(entry | _used(render, rendered))
+        for file in rendered.written:
+            self._progress.written(file)
+        return rendered.failure
+
+
+def _used(render: Render, rendered: RenderedFrame) -> dict[str, Any]:
+    """What statistics say of how a frame was asked for."""
+    width, height = rendered.size
+    return {
+        "outputs": [
+            {"file": file.path, "product": file.product}
+            for file in render.files
+            if file.path in rendered.written
+        ],
+        "resolution": [width, height],
+        "data_window": list(render.window or (0, 0, width, height)),
+        "render_settings": {name.removeprefix("encore:"): value for name, value in render.source.items()},
+        "settings": {**render.settings, "width": width, "height": height},
+    }
 
 
 def dump_text(options: RecordOptions) -> str:
     """The translated scene of the first frame as text, for `encore dump`. Throws EncoreError."""
     from encore.dump import dump
 
-    settings = refined(options.complexity, resolve(options.settings))
     stage = open_stage(options)
     time_code = Usd.TimeCode(stage.GetStartTimeCode())
     if options.default_time:
@@ -213,15 +268,21 @@ def dump_text(options: RecordOptions) -> str:
         if len(times) != 1:
             raise UsageError(f"'{options.frames}' is not one frame", "--frames", "Give a single one")
         time_code = Usd.TimeCode(times[0])
-    translation = translate(stage, time_code, sync_options(options, settings), options.stage)
-    return str(dump(translation))
+    reports = Reports()
+    render = plan_first(options, stage, time_code, reports)
+    translation = translate(stage, time_code, render.sync_options(), options.stage)
+    return str(dump(translation)) + "".join(f"report {line}\n" for line in reports.lines())
 
 
 def open_stage(options: RecordOptions) -> Usd.Stage:
     """Opens the stage with its session layer and population mask, as usdrecord does. Throws StageError."""
     root = open_layer(options.stage)
     session = open_layer(options.session_layer) if options.session_layer else Sdf.Layer.CreateAnonymous()
-    context = Ar.GetResolver().CreateDefaultContextForAsset(options.stage)
+    resolver = Ar.GetResolver()
+    if options.resolver == "inherit":
+        context = resolver.CreateDefaultContext()
+    else:
+        context = resolver.CreateDefaultContextForAsset(options.stage)
     try:
         if not options.mask:
             return Usd.Stage.Open(root, session, context)
@@ -230,9 +291,20 @@ def open_stage(options: RecordOptions) -> Usd.Stage:
             if not is_prim_path(path):
                 raise UsageError(f"'{path}' is not an absolute prim path", "--mask", "Write /World/Group")
             mask.Add(path)
+        for path in _render_prims(options, root, session):
+            mask.Add(path)
         return Usd.Stage.OpenMasked(root, session, context, mask)
     except Tf.ErrorException as error:
         raise StageError(f"the stage cannot be opened: {first_line(error)}", options.stage) from error
+
+
+def _render_prims(options: RecordOptions, root: Sdf.Layer, session: Sdf.Layer) -> set[str]:
+    """What a mask must not hide of render settings: all of /Render where they are below it, else they."""
+    named = [options.render_settings, options.render_pass]
+    if not any(named):
+        named = [layer.pseudoRoot.GetInfo("renderSettingsPrimPath") for layer in (session, root)]
+    paths = (path for path in named if path and is_prim_path(path))
+    return {"/Render" if Sdf.Path(path).HasPrefix("/Render") else path for path in paths}
 
 
 def is_prim_path(text: str) -> bool:
@@ -257,64 +329,34 @@ def open_layer(path: str) -> Sdf.Layer:
     return layer
 
 
-def sync_options(options: RecordOptions, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """The part of the options that the translation needs, as keyword arguments of SyncOptions."""
-    known = UsdGeom.Imageable.GetOrderedPurposeTokens()
-    opens, closes = options.shutter_open, options.shutter_close
-    if opens is not None and closes is not None and closes < opens:
-        raise SettingError(
-            f"the shutter closes at {closes:g}, before it opens at {opens:g}",
-            "--shutterClose",
-            "Give a time at or after --shutterOpen",
-        )
-    for purpose in options.purposes:
-        if purpose not in known:
-            raise UsageError(f"'{purpose}' is no purpose", "--purposes", f"There are: {', '.join(known)}")
-    return {
-        "camera": options.camera,
-        "purposes": tuple(dict.fromkeys(("default", *options.purposes))),
-        "width": settings["width"],
-        "height": settings["height"],
-        "camera_light": options.camera_light,
-        "strict": options.strict,
-        "shutter": ShutterOptions(options.motion_blur, options.shutter_open, options.shutter_close),
-        "depth_of_field": options.depth_of_field,
-    }
-
-
-def refined(complexity: str, settings: dict[str, Any]) -> dict[str, Any]:
-    """The settings with edges halved once per level of complexity above low. Throws SettingError."""
-    scale = settings["edge_length_scale"] / 2 ** COMPLEXITIES[complexity]
-    return resolve(settings | {"edge_length_scale": scale})
-
-
 def _say_what_is_ignored(
-    options: RecordOptions, stage: Usd.Stage, frames: list[Frame], progress: Progress
+    options: RecordOptions, settings: Mapping[str, Any], files: Sequence[str], progress: Progress
 ) -> None:
     if options.verbosity == QUIET:
         return
-    if stage.GetMetadata("renderSettingsPrimPath"):
-        progress.message(
-            f"Warning: {options.stage}: it names render settings "
-            f"({stage.GetMetadata('renderSettingsPrimPath')}), which are not supported yet. Flags decide."
-        )
+    formats = {Path(file).suffix.lower() for file in files}
     named_color = options.color.mode not in ("", "disabled") or options.color.resolved_mode == "openColorIO"
-    if named_color and any(Path(frame.output).suffix.lower() == ".exr" for frame in frames):
+    if named_color and ".exr" in formats:
         progress.message("Warning: --colorCorrectionMode: EXR stays scene-linear; only PNG is corrected.")
-    if options.settings.get("debug_aovs") and any(Path(f.output).suffix.lower() == ".png" for f in frames):
+    if settings["debug_aovs"] and ".png" in formats:
         progress.message("Warning: --debugAovs: PNG holds only the composite; only EXR has room for them.")
 
 
-def _report(options: RecordOptions, rendered: RenderedFrame, progress: Progress) -> dict[str, int]:
-    """Prints what differs from what the stage says; message → count."""
+def _report(
+    options: RecordOptions, rendered: RenderedFrame, progress: Progress, said: set[str]
+) -> dict[str, int]:
+    """Prints what differs from what the stage says; message → count. said: lines that need no repetition."""
     warnings = dict(rendered.statistics["warnings"])
+    reports = [r for r in rendered.reports if not (options.ignore_draw_modes and r.kind == "draw mode")]
     if options.verbosity > QUIET:
-        for line in rendered.reports.lines():
-            # "Error:" at the start of a line means a failed run, to people and to farms.
-            progress.message(re.sub("^Error:", "Warning:", line))
+        for report in reports:
+            line = _as_warning(report.line())
+            if line not in said:
+                said.add(line)
+                progress.message(line)
         for text, count in warnings.items():
             progress.message(f"Warning: {options.stage}: {text} ({count} times).")
-    warnings |= {report.kind: report.count for report in rendered.reports}
+    warnings |= {report.kind: report.count for report in reports}
     if options.verbosity >= VERBOSE:
         statistics = rendered.statistics
         times = ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in statistics["time_s"].items())
@@ -322,3 +364,8 @@ def _report(options: RecordOptions, rendered: RenderedFrame, progress: Progress)
         progress.message(f"Device: {statistics['device']} ({statistics['driver']})")
         progress.message(f"Seconds: sync {rendered.sync_s:.2f}, {times}")
     return warnings
+
+
+def _as_warning(line: str) -> str:
+    """A report's line. "Error:" at the start of a line means a failed run, to people and to farms."""
+    return re.sub("^Error:", "Warning:", line)

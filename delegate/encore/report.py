@@ -37,11 +37,16 @@ class Report:
         return f"{self.severity.value}: {self.path}: {self.message}{also}."
 
 
+# Arguments of Reports.add(), one tuple a call.
+Log = tuple[tuple[str, str, Sdf.Path | str, Severity], ...]
+
+
 class Reports:
     """Collects reports, one per kind, in the order in which the kinds first came up."""
 
     def __init__(self) -> None:
         self._reports: dict[str, Report] = {}
+        self._calls: list[tuple[str, str, Sdf.Path | str, Severity]] = []
 
     def add(
         self, kind: str, message: str, path: Sdf.Path | str, severity: Severity = Severity.WARNING
@@ -50,6 +55,7 @@ class Reports:
 
         message: a sentence about the first case, without a full stop. path: the prim.
         """
+        self._calls.append((kind, message, path, severity))
         report = self._reports.get(kind)
         if report is None:
             report = self._reports[kind] = Report(kind, severity, message.rstrip(" ."), str(path))
@@ -60,6 +66,20 @@ class Reports:
 
     def error(self, kind: str, message: str, path: Sdf.Path | str) -> None:
         self.add(kind, message, path, Severity.ERROR)
+
+    @property
+    def mark(self) -> int:
+        """A place in what has been reported, for since()."""
+        return len(self._calls)
+
+    def since(self, mark: int) -> Log:
+        """What has been reported since a mark, for replay()."""
+        return tuple(self._calls[mark:]) if len(self._calls) > mark else ()
+
+    def replay(self, log: Log) -> None:
+        """Reports the same again."""
+        for kind, message, path, severity in log:
+            self.add(kind, message, path, severity)
 
     def __iter__(self) -> Iterator[Report]:
         return iter(self._reports.values())

@@ -1,102 +1,351 @@
-"""Meshes and implicit shapes with their materials: from prims to what core places."""
+"""Rprims with their materials: from prims to what core places, kept from frame to frame."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from pxr import Sdf, UsdGeom, UsdShade
 
-from encore.adapters import implicit
-from encore.adapters.context import Matrix, SyncContext
+from encore.adapters.authored import Authored
+from encore.adapters.context import BadValueError, Matrix, SyncContext, array_of
+from encore.adapters.instance_primvars import COLOR, OPACITY
 from encore.adapters.material import MaterialData
-from encore.adapters.mesh import MeshData, read_color, read_mesh, read_texcoords
-from encore.adapters.primvars import (
-    THIN_WALLED,
-    ElementCounts,
-    IntArray,
-    Wanted,
-    four_wide,
-    read_bool,
-    read_wanted,
-)
-from encore.adapters.shading_rate import read_rates
-from encore.population import Rprim
-from encore.render_delegate import BoundMaterial, RenderDelegate
+from encore.adapters.mesh import MeshData
+from encore.adapters.primvars import IntArray, Wanted, might_vary, reject
+from encore.groups import Rprim
+from encore.materials import BoundMaterial, Materials
+from encore.readers import Geometry, Request, reader_of
+from encore.report import Log
+from encore.scene_builder import PreparedMesh
 
 # Prim path → its resolved material; None where nothing that is supported is bound.
 Bound = Mapping[Sdf.Path, BoundMaterial | None]
+_NOTHING_GIVEN: Mapping[str, int] = MappingProxyType({})
 
-_IDENTITY: Matrix = np.eye(4)
 
-
-@dataclass(frozen=True)
+@dataclass(slots=True, eq=False)
 class SyncedRprim:
-    """A mesh in its own space, with its materials. matrix: from that space to the group's.
+    """A mesh in its own space, with its materials. to_prim: from that space to the prim's; None: the same.
 
     share_key: equal for rprims with the same geometry, which differ in material, shading rate and place only;
-    None: shared with none. face_materials: per face, -1 for material.
+    None: shared with none. face_materials: per face which one of of_faces, -1: material. reads: names of the
+    primvars that its materials read of instances.
     """
 
-    data: MeshData
-    matrix: Matrix
+    mesh: PreparedMesh
+    to_prim: Matrix | None
     material: BoundMaterial
     face_materials: IntArray | None = None
+    of_faces: tuple[BoundMaterial, ...] = ()
     share_key: Any = None
+    reads: frozenset[str] = frozenset()
+
+    @property
+    def data(self) -> MeshData:
+        return self.mesh.data
+
+    def matrix(self, rprim: Rprim) -> Matrix:
+        """To the group's space."""
+        return rprim.matrix if self.to_prim is None else self.to_prim @ rprim.matrix
+
+
+class Entry:
+    """What is known of an rprim. source: the prim that notices of changes name.
+
+    inherited, wanted, geometry, geometry_log: what was read, for what, and its reports. inputs, result, log:
+    what it came to with its materials. meshes: forms of the geometry with less in it, by what was taken away.
+    varies: with time; None: not known yet. stale: has changed.
+    """
+
+    __slots__ = (
+        "authored",
+        "geometry",
+        "geometry_log",
+        "inherited",
+        "inputs",
+        "log",
+        "meshes",
+        "prim",
+        "result",
+        "source",
+        "stale",
+        "varies",
+        "wanted",
+    )
+
+    def __init__(self, rprim: Rprim, inherited: tuple[Sdf.Path, ...]) -> None:
+        self.prim = rprim.prim
+        self.source = rprim.source
+        self.authored: Authored = rprim.authored
+        self.inherited = inherited
+        self.wanted: Wanted | None = None
+        self.geometry: Geometry | None = None
+        self.geometry_log: Log = ()
+        self.inputs: tuple[Any, ...] | None = None
+        self.result: SyncedRprim | None = None
+        self.log: Log = ()
+        self.meshes: dict[Any, PreparedMesh] = {}
+        self.varies: bool | None = None
+        self.stale = False
+
+    def might_vary(self) -> bool:
+        """Whether another time may give another mesh."""
+        if self.varies is None:
+            self.varies = (
+                bool(self.geometry and self.geometry.depends)
+                or not self.authored.names.isdisjoint(_SPEEDS)
+                or self._shape_varies()
+                or any(might_vary(child) for child in self.prim.GetAllChildren() if child.IsA(UsdGeom.Subset))
+            )
+        return self.varies
+
+    def _shape_varies(self) -> bool:
+        """Whether anything of the prim but its place may vary."""
+        names = (n for n in self.authored.names if not n.startswith("xformOp") and n != "visibility")
+        attributes = (self.prim.GetAttribute(name) for name in names)
+        return any(a and a.ValueMightBeTimeVarying() for a in attributes)
+
+
+# What moves points, at another pace than that of samples.
+_SPEEDS = ("velocities", "accelerations")
+
+
+class RprimCache:
+    """Entries by path and group. read: rprims whose geometry was read in this frame.
+
+    aov_primvars: names of those that images show, whatever materials read.
+    """
+
+    def __init__(self) -> None:
+        self.entries: dict[Any, Entry] = {}
+        self.read = 0
+        self.aov_primvars: frozenset[str] = frozenset()
+        self._groups: set[Any] = set()
+        self._inherited: dict[int, tuple[list[UsdGeom.Primvar], tuple[Sdf.Path, ...]]] = {}
+        self._primvars: dict[int, dict[str, UsdGeom.Primvar]] = {}
+        self._wanted: dict[Any, Wanted] = {}
+
+    def begin(self) -> None:
+        """Starts a frame."""
+        self.read = 0
+        self._inherited.clear()
+        self._primvars.clear()
+        self._wanted.clear()
+
+    def clear(self) -> None:
+        self.entries.clear()
+
+    def keep_groups(self, keys: set[Any]) -> None:
+        """Drops what is known of rprims in groups that are not there any more."""
+        if not self._groups <= keys:
+            self.entries = {key: entry for key, entry in self.entries.items() if key[1] in keys}
+        self._groups = keys
+
+    def entry(self, rprim: Rprim, group: Any) -> Entry:
+        """The entry of an rprim in a group of this key, a new one where what is known is out of date."""
+        known = rprim.entry
+        if known is not None and not known.stale:
+            found: Entry = known
+            return found
+        key = (rprim.path, group)
+        inherited = self.inherited(rprim.inherited)
+        entry = self.entries.get(key)
+        if (
+            entry is None
+            or entry.stale
+            or entry.authored is not rprim.authored
+            or entry.inherited != inherited
+            or entry.source != rprim.source
+            or not entry.prim
+        ):
+            entry = self.entries[key] = Entry(rprim, inherited)
+        rprim.entry = entry
+        return entry
+
+    def inherited(self, primvars: list[UsdGeom.Primvar]) -> tuple[Sdf.Path, ...]:
+        """Paths of the attributes."""
+        known = self._inherited.get(id(primvars))
+        if known is None:
+            paths = tuple(p.GetAttr().GetPath() for p in primvars)
+            known = self._inherited[id(primvars)] = (primvars, paths)
+        return known[1]
+
+    def primvars(self, rprim: Rprim) -> Mapping[str, UsdGeom.Primvar]:
+        """All primvars of an rprim by name, inherited ones included. Not to be written to."""
+        if rprim.authored.primvars:
+            found = UsdGeom.PrimvarsAPI(rprim.prim).FindPrimvarsWithInheritance(rprim.inherited)
+            return {str(p.GetPrimvarName()): p for p in found}
+        shared = self._primvars.get(id(rprim.inherited))
+        if shared is None:
+            shared = {str(p.GetPrimvarName()): p for p in rprim.inherited}
+            self._primvars[id(rprim.inherited)] = shared
+        return shared
+
+    def wanted(
+        self, materials: tuple[BoundMaterial, ...], color: bool, fades: bool, given: Mapping[str, int]
+    ) -> Wanted:
+        """What materials read of a mesh. fades: displayOpacity is read as well. given: by instances."""
+        key = materials, color, fades, tuple(given)
+        found = self._wanted.get(key)
+        if found is None:
+            found = _wanted([m.data for m in materials], color)
+            if fades:
+                opacity = {OPACITY: found.primvars.get(OPACITY, 1)}
+                found = replace(found, primvars={**found.primvars, **opacity})
+            if self.aov_primvars:
+                found = _with_aovs(found, self.aov_primvars)
+            if given:
+                found = replace(found, optional=found.optional | given.keys())
+            self._wanted[key] = found
+        return found
 
 
 class RprimReader:
     """Reads rprims. bound: materials of rprims and subsets, empty where all is inherited from instances."""
 
-    def __init__(self, delegate: RenderDelegate, bound: Bound, context: SyncContext) -> None:
-        self._delegate = delegate
+    def __init__(self, cache: RprimCache, materials: Materials, bound: Bound, context: SyncContext) -> None:
+        self._cache = cache
+        self._materials = materials
         self._bound = bound
         self._context = context
 
     def read(
-        self, rprim: Rprim, uniform: bool, overrides: Collection[BoundMaterial | None]
+        self,
+        rprim: Rprim,
+        group: Any,
+        uniform: bool,
+        overrides: tuple[BoundMaterial | None, ...],
+        given: Mapping[str, int] = _NOTHING_GIVEN,
     ) -> SyncedRprim | None:
         """The rprim; None where nothing of it is visible (broken ones are reported).
 
-        uniform: no material is bound inside of its group. overrides: materials of the places where it will
-        be, None for its own.
+        group: the key of its group. uniform: no material is bound inside of that. overrides: materials of the
+        places where it will be, None for its own, each once. given: floats of the primvars that instances
+        give it at some of the places.
         """
-        prim = rprim.prim
-        own = None if uniform else self._bound.get(prim.GetPath())
-        subsets = {} if uniform else self._subset_materials(rprim)
+        own: BoundMaterial | None = None
+        of_subsets: tuple[BoundMaterial | None, ...] = ()
+        if not uniform:
+            own = self._bound.get(rprim.path)
+            if rprim.subsets:
+                of_subsets = tuple(self._bound.get(s.GetPath()) for s in rprim.subsets)
+        entry = self._cache.entry(rprim, group)
+        inputs = (own, of_subsets, overrides, given, self._cache.aov_primvars)
+        if entry.inputs == inputs:
+            if entry.log:
+                self._context.reports.replay(entry.log)
+            return entry.result
+        mark = self._context.reports.mark
+        entry.result = self._read(
+            rprim, entry, own, {} if uniform else self._subsets(rprim), overrides, given
+        )
+        entry.inputs, entry.log = inputs, self._context.reports.since(mark)
+        return entry.result
+
+    def _read(
+        self,
+        rprim: Rprim,
+        entry: Entry,
+        own: BoundMaterial | None,
+        subsets: Mapping[Sdf.Path, BoundMaterial],
+        overrides: tuple[BoundMaterial | None, ...],
+        given: Mapping[str, int],
+    ) -> SyncedRprim | None:
         # Its own colour is needed where it has no material.
         colored = own is None and (None in overrides or not overrides)
-        materials = [m.data for m in (own, *subsets.values(), *overrides) if m is not None]
-        reads_color = any(m.reads_color for m in materials)
-        wanted = _wanted(materials, colored or reads_color)
-        found = UsdGeom.PrimvarsAPI(prim).FindPrimvarsWithInheritance(rprim.inherited)
-        primvars = {str(p.GetPrimvarName()): p for p in found}
-        self._report_unsupported(rprim, primvars, colored)
-        if prim.IsA(UsdGeom.Mesh):
-            matrix, key = rprim.matrix, None
-            data = read_mesh(UsdGeom.Mesh(prim), primvars, wanted, self._context)
-        else:
-            shape = self._read_implicit(rprim, primvars, wanted)
-            if shape is None:
-                return None
-            data, matrix, key = shape
-        if data is None:
+        materials = tuple(m for m in (own, *subsets.values(), *overrides) if m is not None)
+        reads_color = any(m.data.reads_color for m in materials)
+        geometry = self._geometry(rprim, entry, materials, colored, reads_color, given)
+        if geometry is None:
             return None
-        material = own or (
-            self._delegate.fallback_material(data.display_color)
-            if colored
-            else self._delegate.default_material
-        )
+        data, key = geometry.data, geometry.share_key
+        material, drops_opacity = own or self._materials.default, False
+        if colored:
+            read_opacity = any(OPACITY in m.data.primvars for m in materials)
+            material = self._fallback(data, given)
+            drops_opacity = OPACITY not in material.data.primvars and not read_opacity
+            drops_opacity = drops_opacity and OPACITY not in self._cache.aov_primvars
         displaced = self._displacing(rprim, own, overrides)
-        if displaced is not None:
+        if displaced is not None and data.shape != "faces":
+            self._context.reports.add(
+                f"displacement of {data.shape}",
+                f"{data.shape} are not displaced: they stay as they are",
+                rprim.path,
+            )
+        elif displaced is not None:
             material, key = displaced, None
-        if not (reads_color or material.data.reads_color):
-            data.display_color = None
-        elif data.display_color is not None:
+        drops_color = not (reads_color or material.data.reads_color or COLOR in self._cache.aov_primvars)
+        if not drops_color and data.display_color is not None:
             key = None
-        return self._with_subsets(SyncedRprim(data, matrix, material, share_key=key), subsets)
+        reads = frozenset[str]()
+        if given:
+            reads = self._reads(rprim, [*(m.data for m in materials), material.data], given)
+        mesh = _without(entry, data, drops_color, drops_opacity)
+        synced = SyncedRprim(mesh, geometry.to_prim, material, None, (), key, reads)
+        return self._with_subsets(entry, synced, subsets)
+
+    def _geometry(
+        self,
+        rprim: Rprim,
+        entry: Entry,
+        materials: tuple[BoundMaterial, ...],
+        colored: bool,
+        reads_color: bool,
+        given: Mapping[str, int],
+    ) -> Geometry | None:
+        """What is known of it, where that has all that is wanted and nothing else; or what is read now."""
+        primvars = self._cache.primvars(rprim)
+        fades = colored and OPACITY in primvars
+        wanted = self._cache.wanted(materials, colored or reads_color, fades, given)
+        reports = self._context.reports
+        if entry.wanted == wanted:
+            reports.replay(entry.geometry_log)
+            return entry.geometry
+        self._cache.read += 1
+        mark = reports.mark
+        reader = reader_of(rprim.prim, rprim.type_name)
+        assert reader is not None, f"{rprim.type_name} is no rprim"
+        request = Request(rprim.prim, rprim.path, rprim.authored, primvars, wanted, self._context)
+        entry.geometry = reader(request)
+        entry.geometry_log = reports.since(mark)
+        entry.wanted = wanted
+        entry.meshes = {}
+        return entry.geometry
+
+    def _fallback(self, data: MeshData, given: Mapping[str, int]) -> BoundMaterial:
+        """For what has no material: what displayColor and displayOpacity, its own or its instances', say."""
+        opacity = data.primvars.get(OPACITY)
+        if opacity is not None and OPACITY not in given and (opacity.values[:, 0] >= 1).all():
+            opacity = None
+        return self._materials.fallback(data.display_color, opacity, given)
+
+    def _reads(
+        self, rprim: Rprim, materials: Collection[MaterialData], given: Mapping[str, int]
+    ) -> frozenset[str]:
+        """Names of the primvars that materials read of instances; those of too few floats are reported."""
+        needed: dict[str, int] = {}
+        for material in materials:
+            for name, width in material.reads.items():
+                needed[name] = max(width, needed.get(name, 0))
+        for name in self._cache.aov_primvars:
+            needed.setdefault(name, 1)
+        path = rprim.path
+        for name in sorted(given.keys() & needed.keys()):
+            if given[name] < needed[name]:
+                why = f"its material reads {needed[name]} floats per element, instances have {given[name]}"
+                reject(name, path, self._context, why)
+        for name in sorted(frozenset().union(*(m.displacement_reads for m in materials)) & given.keys()):
+            self._context.reports.add(
+                "displacement by instance",
+                f"its displacement reads {name}, which instances have: they share the mesh, and are "
+                "displaced by its own values",
+                path,
+            )
+        return frozenset(name for name, width in given.items() if width >= needed.get(name, 5))
 
     def _displacing(
         self, rprim: Rprim, own: BoundMaterial | None, overrides: Collection[BoundMaterial | None]
@@ -112,61 +361,20 @@ class RprimReader:
             self._context.reports.add(
                 "displacement of instances",
                 f"its instances have several materials: all are displaced as {found[0].data.path} says",
-                rprim.prim.GetPath(),
+                rprim.path,
             )
         return found[0] if found else None
 
-    def _read_implicit(
-        self, rprim: Rprim, primvars: Mapping[str, UsdGeom.Primvar], wanted: Wanted
-    ) -> tuple[MeshData, Matrix, Any] | None:
-        """The mesh of an implicit shape, its matrix to the group, and its key for sharing."""
-        prim, context = rprim.prim, self._context
-        shape = implicit.shape_of(prim, context)
-        if shape is None:
-            return None
-        path = prim.GetPath()
-        data = implicit.build(*shape.key)
-        left_handed, double_sided = implicit.orientation(prim, context)
-        counts = ElementCounts(data.face_count, len(data.points), len(data.face_vertex_indices))
-        constants = {n: p for n, p in primvars.items() if p.GetInterpolation() == UsdGeom.Tokens.constant}
-        own = frozenset(data.texcoords) - constants.keys()
-        texcoords = {name: data.texcoords[name] for name in own & wanted.texcoords}
-        texcoords |= read_texcoords(
-            constants, replace(wanted, texcoords=wanted.texcoords - own), counts, path, context
-        )
-        others = {name: width for name, width in wanted.primvars.items() if name not in own}
-        read = read_wanted(constants, replace(wanted, primvars=others), counts, path, context)
-        read |= {name: four_wide(data.texcoords[name]) for name in own & wanted.primvars.keys()}
-        normals = data.normals
-        if left_handed and normals is not None:
-            normals = normals._replace(values=-normals.values)
-        thin = read_bool(primvars, THIN_WALLED, path, context)
-        thin = not implicit.is_solid(shape) if thin is None else thin
-        key = (shape.key, left_handed, double_sided, thin, tuple(sorted(own & wanted.texcoords)))
-        data = replace(
-            data,
-            path=str(path),
-            left_handed=left_handed,
-            double_sided=double_sided,
-            normals=normals,
-            texcoords=texcoords,
-            primvars=read,
-            thin_walled=thin,
-            shading_rate=read_rates(primvars, context),
-            display_color=read_color(constants, counts, path, context) if wanted.color else None,
-        )
-        shares = not read and texcoords.keys() <= own
-        return data, shape.to_prim @ rprim.matrix, key if shares else None
-
-    def _subset_materials(self, rprim: Rprim) -> dict[Sdf.Path, BoundMaterial]:
+    def _subsets(self, rprim: Rprim) -> dict[Sdf.Path, BoundMaterial]:
         """Materials of the GeomSubsets of family materialBind, by the subset's path."""
         found = {}
         for subset in rprim.subsets:
             if subset.GetFamilyNameAttr().Get() != UsdShade.Tokens.materialBind:
                 continue
-            if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face:
+            element = subset.GetElementTypeAttr().Get()
+            if element != UsdGeom.Tokens.face:
                 self._context.reports.add(
-                    "subset of points",
+                    f"subset of {element}s",
                     "materials can only be bound to subsets of faces: it is ignored",
                     subset.GetPath(),
                 )
@@ -177,7 +385,7 @@ class RprimReader:
         return found
 
     def _with_subsets(
-        self, synced: SyncedRprim, subsets: Mapping[Sdf.Path, BoundMaterial]
+        self, entry: Entry, synced: SyncedRprim, subsets: Mapping[Sdf.Path, BoundMaterial]
     ) -> SyncedRprim | None:
         """Gives subsets their materials and takes away the faces whose material cuts them out."""
         if not subsets:
@@ -185,22 +393,32 @@ class RprimReader:
         faces = synced.data.face_count
         cut = np.full(faces, synced.material.data.cut_out)
         face_materials = np.full(faces, -1, np.int32)
+        of_faces: dict[BoundMaterial, int] = {}
         for path, material in subsets.items():
             indices = self._subset_faces(path, faces)
-            face_materials[indices] = material.index
+            face_materials[indices] = of_faces.setdefault(material, len(of_faces))
             cut[indices] = material.data.cut_out
-        data = synced.data
+        mesh = synced.mesh
         if cut.all():
             return None
         if cut.any():
-            data = data.without(cut)
-            if data.face_count < faces:
+            key = id(mesh), cut.tobytes()
+            if key not in entry.meshes:
+                entry.meshes[key] = PreparedMesh(mesh.data.without(cut))
+            mesh = entry.meshes[key]
+            if mesh.data.face_count < faces:
                 face_materials = face_materials[~cut]
-        return replace(synced, data=data, face_materials=face_materials, share_key=None)
+        return replace(
+            synced, mesh=mesh, face_materials=face_materials, of_faces=tuple(of_faces), share_key=None
+        )
 
     def _subset_faces(self, path: Sdf.Path, faces: int) -> IntArray:
         subset = UsdGeom.Subset(self._context.stage.GetPrimAtPath(path))
-        indices = np.asarray(subset.GetIndicesAttr().Get(self._context.time) or (), dtype=np.int32)
+        try:
+            indices = array_of("indices", subset.GetIndicesAttr().Get(self._context.time), np.int32)
+        except BadValueError as error:
+            self._context.reports.error("bad subset", f"is ignored: {error}", path)
+            return np.empty(0, np.int32)
         valid = (indices >= 0) & (indices < faces)
         if not valid.all():
             self._context.reports.error(
@@ -208,16 +426,18 @@ class RprimReader:
             )
         return indices[valid]
 
-    def _report_unsupported(
-        self, rprim: Rprim, primvars: Mapping[str, UsdGeom.Primvar], colored: bool
-    ) -> None:
-        path, reports = rprim.prim.GetPath(), self._context.reports
-        if "skel:jointIndices" in primvars:
-            reports.add("skinning", "UsdSkel is not supported yet: it is rendered without skinning", path)
-        if colored and "displayOpacity" in primvars:
-            value = primvars["displayOpacity"].Get(self._context.time)
-            if value is not None and np.min(np.asarray(value, dtype=np.float32), initial=1.0) < 1:
-                reports.add("displayOpacity", "displayOpacity is not supported yet: it is opaque", path)
+
+def _without(entry: Entry, data: MeshData, color: bool, opacity: bool) -> PreparedMesh:
+    """The entry's geometry without displayColor, or displayOpacity: always the same mesh."""
+    key = color and data.display_color is not None, opacity and OPACITY in data.primvars
+    found = entry.meshes.get(key)
+    if found is None:
+        if key[0]:
+            data = data.but(display_color=None)
+        if key[1]:
+            data = data.but(primvars={n: p for n, p in data.primvars.items() if n != OPACITY})
+        found = entry.meshes[key] = PreparedMesh(data)
+    return found
 
 
 def _wanted(materials: Collection[MaterialData], color: bool) -> Wanted:
@@ -231,3 +451,14 @@ def _wanted(materials: Collection[MaterialData], color: bool) -> Wanted:
     texcoords = frozenset().union(*(m.texcoords for m in materials))
     optional = (texcoords | primvars.keys()) - needed
     return Wanted(texcoords, primvars, optional, color, any(m.transmits for m in materials))
+
+
+def _with_aovs(wanted: Wanted, names: frozenset[str]) -> Wanted:
+    """What images show besides, of meshes that have it."""
+    missing = names - wanted.texcoords - wanted.primvars.keys() - {COLOR}
+    return replace(
+        wanted,
+        primvars={**wanted.primvars, **dict.fromkeys(missing, 1)},
+        optional=wanted.optional | missing,
+        color=wanted.color or COLOR in names,
+    )

@@ -9,6 +9,8 @@ from pxr import Plug
 API_SCHEMA = "EncorePrimvarsAPI"
 MATERIAL_API_SCHEMA = "EncoreMaterialAPI"
 LIGHT_API_SCHEMA, CAMERA_API_SCHEMA = "EncoreLightAPI", "EncoreCameraAPI"
+# Its attributes are encore.settings.STAGE_SETTINGS.
+RENDER_SETTINGS_API_SCHEMA = "EncoreRenderSettingsAPI"
 TARGET_EDGE_LENGTH = "primvars:encore:targetEdgeLength"
 SHADING_RATE = "primvars:encore:shadingRate"
 LAYER_SHADING_RATES = tuple(f"{SHADING_RATE}:{layer}" for layer in ("direct", "reflection", "refraction"))

@@ -21,6 +21,11 @@ for _power, _letter in enumerate("kmgt", start=1):
     _SIZE_UNITS |= {_letter: 1024**_power, f"{_letter}ib": 1024**_power, f"{_letter}b": 1000**_power}
 
 
+_INT32_MAX = 2**31 - 1
+# Size is UsdRender's own business, and these two are the machine's.
+_NOT_OF_STAGES = frozenset({"width", "height", "shader_cache", "threads"})
+
+
 @dataclass(frozen=True)
 class Setting:
     """One render setting.
@@ -48,6 +53,21 @@ class Setting:
     def flag(self) -> str:
         """The long flag."""
         return self.flags[0]
+
+    @property
+    def attribute(self) -> str:
+        """The attribute of a RenderSettings or RenderProduct prim that says it; empty where none does."""
+        if self.key in _NOT_OF_STAGES:
+            return ""
+        words = self.key.split("_") if self.kind == "bool" else [self.flag.removeprefix("--")]
+        return f"encore:{words[0]}" + "".join(word.capitalize() for word in words[1:])
+
+    @property
+    def usd_type_name(self) -> str:
+        """The attribute's type. Whole numbers that may be large are 64 bits wide."""
+        if self.kind == "int":
+            return "int64" if self.maximum is None or self.maximum > _INT32_MAX else "int"
+        return {"size": "int64", "choice": "token"}.get(self.kind, self.kind)
 
     @property
     def destination(self) -> str:
@@ -516,6 +536,8 @@ GROUPS: dict[str, tuple[Setting, ...]] = {
 }
 
 SETTINGS: dict[str, Setting] = {s.key: s for group in GROUPS.values() for s in group}
+# Those that prims of the stage may say (EncoreRenderSettingsAPI), by the name of their attribute.
+STAGE_SETTINGS: dict[str, Setting] = {s.attribute: s for s in SETTINGS.values() if s.attribute}
 
 
 def _number(value: float) -> str:

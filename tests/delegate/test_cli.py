@@ -10,7 +10,7 @@ import encore
 import pytest
 from encore import cli
 from encore.errors import ExitCode
-from encore.record import RecordOptions, refined
+from encore.record_options import RecordOptions, refined, sync_options
 from encore.settings import SETTINGS, resolve
 from pxr import Usd, UsdGeom
 
@@ -38,12 +38,20 @@ USDRECORD = {
     "--imageWidth": "100",
     "-w": "100",
     "--enableDomeLightVisibility": None,
+    "--disableDrawMode": None,
+    "--resolver": "inherit",
+    "--traceToFile": "t.json",
+    "--traceFormat": "trace",
+    "--renderPassPrimPath": "/Render/Pass",
+    "-rp": "/Render/Pass",
+    "--renderSettingsPrimPath": "/Render/Settings",
+    "-rs": "/Render/Settings",
 }
 OURS = [
     *("--disableMotionBlur", "--disableDepthOfField", "--shutterOpen", "--shutterClose"),
     *(setting.flag for setting in SETTINGS.values()),
     *("--stats", "--progress", "--device", "--strict", "--verbose", "--quiet", "-q"),
-    *("--ocioConfig", "--ocioDisplay", "--ocioView", "--renderPassPrimPath", "--renderSettingsPrimPath"),
+    *("--ocioConfig", "--ocioDisplay", "--ocioView"),
 ]
 
 
@@ -106,7 +114,9 @@ def test_every_flag_says_what_it_does_and_every_group_has_a_title() -> None:
 
 def test_defaults_of_usdrecord() -> None:
     options = parse()
-    assert options.purposes == ("proxy",)
+    assert options.purposes is None
+    assert sync_options(options, resolve({}))["purposes"] == ("default", "proxy")
+    assert (options.render_settings, options.render_pass, options.resolver) == ("", "", "root")
     assert options.camera_light
     assert options.motion_blur and options.depth_of_field
     assert options.shutter_open is None and options.shutter_close is None
@@ -188,8 +198,11 @@ def test_complexity_divides_the_edge_length(name: str, factor: int) -> None:
         ),
         (["--shaderCache", "/dev/null/x"], ExitCode.OUTPUT, "/dev/null/x: cannot be used as a shader cache"),
         (["--renderer", "Storm"], ExitCode.USAGE, "there is no renderer 'Storm'"),
-        (["-rs", "/Render/Settings"], ExitCode.USAGE, "not supported yet"),
-        (["-rp", "/Render/Pass"], ExitCode.USAGE, "not supported yet"),
+        (["-rs", "/Render/Settings"], ExitCode.STAGE, "/Render/Settings: is no RenderSettings prim"),
+        (["-rs", "Settings"], ExitCode.STAGE, "Settings: is no RenderSettings prim"),
+        (["-rp", "/Cube"], ExitCode.STAGE, "/Cube: is no RenderPass prim. The stage has none"),
+        (["-rp", "/A", "-rs", "/B"], ExitCode.USAGE, "contradicts --renderSettingsPrimPath"),
+        (["--resolver", "other"], ExitCode.USAGE, "invalid choice"),
         (["--complexity", "huge"], ExitCode.USAGE, "invalid choice"),
         (["--purposes", "red"], ExitCode.USAGE, "'red' is no purpose"),
         (["--mask", "World"], ExitCode.USAGE, "not an absolute prim path"),

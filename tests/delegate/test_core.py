@@ -288,3 +288,193 @@ def test_debug_images_add_up_to_the_statistics(device: _core.Device) -> None:
 
 def test_versions() -> None:
     assert {"embree", "opensubdiv"} <= _core.versions().keys()
+
+
+def test_scenes_take_mesh_handles() -> None:
+    points = TRIANGLE.copy()
+    mesh = _core.Mesh("/M", points, ONE, CORNERS, scheme="none", double_sided=True)
+    points[:] = 0
+    scene, other = new_scene(), new_scene()
+    assert (mesh.path, scene.add_mesh(mesh), other.add_mesh(mesh, 0)) == ("/M", 1, 1)
+    materials = np.array([0], dtype=np.int32)
+    second = scene.add_mesh(mesh, face_materials=materials, shading_rate=(1.0, 0.0, 2.0), link_group=3)
+    found = scene.mesh(second)
+    np.testing.assert_array_equal(found["points"], TRIANGLE)
+    assert (found["scheme"], found["double_sided"], found["link_group"]) == ("none", True, 3)
+    assert (list(found["face_materials"]), found["shading_rate"]) == ([0], (1, 0, 2))
+    assert (len(scene.mesh(1)["face_materials"]), scene.mesh(1)["link_group"]) == (0, 0)
+    spelled_out = scene.mesh(scene.add_mesh("/M", TRIANGLE, ONE, CORNERS, scheme="none", double_sided=True))
+    for name, value in scene.mesh(1).items():
+        np.testing.assert_equal(value, spelled_out[name], name)
+
+
+def test_what_is_wrong_with_a_handle_is_said_once_it_is_known() -> None:
+    with pytest.raises(_core.Error) as error:
+        _core.Mesh("/Bad", TRIANGLE, ONE, np.array([0, 1, 5], dtype=np.int32))
+    assert (error.value.kind, error.value.where) == ("scene", "/Bad.faceVertexIndices")
+    scene, mesh = new_scene(), _core.Mesh("/M", TRIANGLE, ONE, CORNERS)
+    with pytest.raises(_core.Error) as error:
+        scene.add_mesh(mesh, 1)
+    assert (error.value.kind, error.value.where) == ("scene", "/M.material:binding")
+    with pytest.raises(_core.Error):
+        scene.add_mesh(mesh, face_materials=np.array([0, 0], dtype=np.int32))
+    with pytest.raises(_core.Error):
+        scene.add_mesh(mesh, shading_rate=(-1.0, 0.0, 0.0))
+    assert scene.mesh_count == 1, "what is refused is not added"
+
+
+def test_many_instances_at_once_are_those_one_by_one() -> None:
+    one_by_one, at_once = new_scene(), new_scene()
+    for scene in (one_by_one, at_once):
+        scene.add_prototype("/P", [0])
+    matrices = np.tile(np.eye(4), (3, 1, 1))
+    matrices[:, 3, 0] = (1, 2, 3)
+    rates = np.array([[0, 0, 0], [1, 2, 3], [0, 4, 0]], dtype=np.float32)
+    rows = [("/A", 0, -1, -1), ("/B", 1, 0, 2), ("/C", 0, -1, 5)]
+    for i, (path, prototype, material, group) in enumerate(rows):
+        rate = tuple(rates[i].tolist())
+        one_by_one.add_instance(path, prototype, matrices[i], material, rate, None, group)
+    paths, prototypes, materials, groups = zip(*rows, strict=True)
+
+    def ints(values: tuple[int, ...]) -> Any:
+        return np.array(values, dtype=np.int32)
+
+    first = at_once.add_each_instance(
+        list(paths), ints(prototypes), matrices, ints(materials), rates, ints(groups)
+    )
+    assert first == 1 and at_once.instance_count == 4
+    for i in range(4):
+        np.testing.assert_equal(at_once.instance(i), one_by_one.instance(i))
+    at_once.add_each_instance(["/D"], ints((1,)), matrices[:1])
+    assert at_once.instance(4)["material"] == at_once.instance(4)["link_group"] == -1
+    with pytest.raises(_core.Error, match="matrices"):
+        at_once.add_each_instance(["/E", "/F"], ints((0, 0)), matrices)
+
+
+class Checker:
+    """Pixels of a texture, and how often they were asked for."""
+
+    def __init__(self) -> None:
+        self.reads = self.reuses = 0
+
+    def read(self) -> Any:
+        self.reads += 1
+        pixels = np.zeros((4, 4, 4), dtype=np.float16)
+        pixels[::2, ::2] = 1
+        return pixels
+
+    def reused(self) -> None:
+        self.reuses += 1
+
+
+def textured_scene(mesh: _core.Mesh, texture: _core.Texture, radiance: float) -> _core.Scene:
+    scene = _core.Scene()
+    node = {"kind": "texture", "texture": scene.add_texture(texture), "path": "/T", "texcoord": "st"}
+    scene.add_material("m", {"diffuse_color": {"value": (0.0, 0.0, 0.0), "node": 0, "channel": 0}}, [node])
+    scene.add_instance(mesh.path, scene.add_prototype(mesh.path, [scene.add_mesh(mesh)]), np.eye(4))
+    scene.add_light("dome", "/Dome", (radiance, radiance, radiance))
+    scene.set_camera("/Camera", np.eye(4), (0.75, 0.5))
+    return scene
+
+
+def test_a_cache_makes_anew_only_what_is_new(device: _core.Device) -> None:
+    st = ("st", "vertex", np.array([[0, 0], [1, 0], [0, 1]], dtype=np.float32), None)
+    mesh = _core.Mesh("/M", TRIANGLE, ONE, CORNERS, scheme="none", double_sided=True, texcoords=[st])
+    checker = Checker()
+    texture = _core.Texture("/checker.png", 4, 4, checker.read, checker.reused)
+    assert (texture.path, texture.width, texture.height) == ("/checker.png", 4, 4)
+    cache = _core.RenderCache()
+    _core.render(textured_scene(mesh, texture, 1.0), SMALL, device, cache=cache)
+    first, reads = cache.made, checker.reads
+    assert (first["meshes"], first["prototypes"]) == (1, 1) and first["kernels"] > 0
+    assert reads > 0 and checker.reuses == 0
+
+    scene = textured_scene(mesh, texture, 2.0)
+    again = _core.render(scene, SMALL, cache=cache)  # on the cache's device
+    assert set(cache.made.values()) == {0}
+    assert (checker.reads, checker.reuses) == (reads, 1)
+    fresh = _core.render(scene, SMALL, device)
+    for result in (again, fresh):
+        del result["statistics"]
+    assert_equal_images(again, fresh)
+
+    edited = _core.Mesh("/M", TRIANGLE * 0.5, ONE, CORNERS, scheme="none", double_sided=True, texcoords=[st])
+    _core.render(textured_scene(edited, texture, 2.0), SMALL, device, cache=cache)
+    assert (cache.made["meshes"], cache.held["meshes"], cache.made["textures"]) == (1, 1, 0)
+
+
+AOVS = [
+    {"kind": "position", "name": "P"},
+    {"kind": "eyePosition", "name": "Peye"},
+    {"kind": "eyeNormal", "name": "Neye"},
+    {"kind": "primvar", "name": "rgb", "primvar": "displayColor", "components": 2},
+    {"kind": "primId", "name": "primId"},
+    {"kind": "instanceId", "name": "instanceId"},
+    {"kind": "elementId", "name": "elementId"},
+]
+
+
+def test_a_window_is_a_part_of_the_image_or_reaches_beyond_it(device: _core.Device) -> None:
+    whole = _core.render(new_scene(), SMALL | {"window": None}, device)
+    part = _core.render(new_scene(), SMALL | {"window": (5, 3, 20, 11)}, device)
+    beyond = _core.render(new_scene(), SMALL | {"window": (-7, -2, 30, 19)}, device)
+    assert beyond["composite"].shape == (21, 37, 3)
+    assert part["statistics"]["pixels"] == 15 * 8
+    for name in ("composite", "alpha", "depth", "normal"):
+        assert part[name].tobytes() == whole[name][3:11, 5:20].tobytes(), name
+        assert beyond[name][2:18, 7:31].tobytes() == whole[name].tobytes(), name
+
+
+def test_tiles_are_counted_from_the_windows_corner(device: _core.Device) -> None:
+    window = {"window": (-20, 3, 12, 30), "reuse_tile_pixels": 16}
+    whole = _core.render(new_scene(), SMALL | window, device)
+    alpha = np.full((27, 32), -1, dtype=np.float32)
+
+    def tile(x0: int, y0: int, images: dict[str, Any]) -> None:
+        height, width = images["alpha"].shape
+        assert x0 >= 0 and y0 >= 0 and (alpha[y0 : y0 + height, x0 : x0 + width] == -1).all()
+        alpha[y0 : y0 + height, x0 : x0 + width] = images["alpha"]
+
+    _core.render(new_scene(), SMALL | window, device, tile=tile)
+    np.testing.assert_array_equal(alpha, whole["alpha"])
+
+
+def test_aovs(device: _core.Device) -> None:
+    images = _core.render(new_scene(), SMALL | {"aovs": AOVS}, device)
+    aovs = images["aovs"]
+    assert list(aovs) == [aov["name"] for aov in AOVS]
+    hit = np.isfinite(images["depth"])
+    assert hit.any() and not hit.all()
+    for name in ("P", "Peye", "Neye"):
+        assert aovs[name].dtype == np.float32 and aovs[name].shape == (16, 24, 3)
+    np.testing.assert_allclose(aovs["P"][hit][:, 2], -3, rtol=1e-6)
+    np.testing.assert_allclose(aovs["P"], aovs["Peye"], rtol=1e-6)
+    assert (aovs["P"][~hit] == 0).all()
+    np.testing.assert_allclose(aovs["Neye"][..., 2], images["alpha"], atol=1e-6)
+    assert aovs["rgb"].shape == (16, 24, 2) and (aovs["rgb"] == 0).all(), "the triangle has none"
+    for name in ("primId", "instanceId", "elementId"):
+        assert aovs[name].dtype == np.int32 and aovs[name].shape == (16, 24)
+        np.testing.assert_array_equal(aovs[name], np.where(hit, 0, -1))
+    assert "aovs" not in _core.render(new_scene(), SMALL, device)
+
+
+@pytest.mark.parametrize(
+    ("settings", "where"),
+    [
+        ({"window": (0, 0, 4)}, "window"),
+        ({"window": (4, 0, 4, 9)}, "window"),
+        ({"window": (0, 0, 0, 0)}, "window"),
+        ({"window": "all"}, "window"),
+        ({"window": (0, 0, 70000, 9)}, "window"),
+        ({"aovs": ["P"]}, "aovs"),
+        ({"aovs": [{"kind": "position", "name": "P"}, {"kind": "primId", "name": "P"}]}, "aovs"),
+        ({"aovs": [{"kind": "colour", "name": "P"}]}, "aovs.kind"),
+        ({"aovs": [{"name": "P", "colour": 1}]}, "aovs.colour"),
+        ({"aovs": [{"kind": "primvar", "name": "c", "primvar": "c", "components": 5}]}, "aovs"),
+        ({"aovs": [{"kind": "primvar", "name": "c", "primvar": "c", "components": -1}]}, "aovs.components"),
+    ],
+)
+def test_bad_windows_and_aovs(settings: dict[str, Any], where: str) -> None:
+    with pytest.raises(_core.Error) as error:
+        _core.render(new_scene(), SMALL | settings)
+    assert (error.value.kind, error.value.where) == ("setting", where)

@@ -188,17 +188,6 @@ def test_collections_reach_into_instances(stage: Usd.Stage) -> None:
         assert names == (["/World/Red", "default"] if i == 1 else ["default", "default"])
 
 
-def test_instances_inherit_primvars(stage: Usd.Stage) -> None:
-    add_asset(stage)
-    for i, color in enumerate(((1, 0, 0), (0, 1, 0), (1, 0, 0))):
-        api = UsdGeom.PrimvarsAPI(add_instance(stage, f"/World/I{i}"))
-        api.CreatePrimvar("displayColor", Sdf.ValueTypeNames.Color3fArray, "constant").Set([color])
-    translation = translate(stage)
-    assert translation.counts["prototypes"] == 2
-    names = [material_name(translation, f"/World/I{i}") for i in range(3)]
-    assert names == ["displayColor(1, 0, 0)", "displayColor(0, 1, 0)", "displayColor(1, 0, 0)"]
-
-
 def test_an_instance_that_is_a_mesh_itself(stage: Usd.Stage) -> None:
     stage.CreateClassPrim("/Asset")
     add_square(stage, "/Asset/Child")

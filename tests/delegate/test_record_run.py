@@ -12,9 +12,10 @@ import pytest
 from encore import cli, record
 from encore.adapters.camera import ShutterOptions
 from encore.errors import Cancelled, ExitCode, SettingError, StageError
+from encore.frame_recorder import RenderedFrame
 from encore.image_file import ImageInfo
 from encore.image_writer import ImageWriter
-from encore.render_pass import RenderedFrame
+from encore.render_products import Render
 from encore.report import Reports
 from pxr import Usd, UsdGeom
 
@@ -42,41 +43,45 @@ class Device:
     info: ClassVar[dict[str, Any]] = {"name": "none", "cpu": True}
 
 
-class StandInPass:
-    """Writes a grey image instead of rendering. `before` is called with the label; it may raise."""
+class StandInRecorder:
+    """Writes grey images instead of rendering. `before` is called with the label; it may raise."""
 
     before: Any = None
     time_codes: ClassVar[list[Usd.TimeCode]] = []
-    settings: ClassVar[dict[str, Any]] = {}
-    options: ClassVar[dict[str, Any]] = {}
+    renders: ClassVar[list[Render]] = []
 
-    def __init__(self, stage: Usd.Stage, settings: Any, device: Any, options: Any, source: str) -> None:
-        type(self).settings, type(self).options = dict(settings), dict(options)
+    def __init__(self, stage: Usd.Stage, delegate: Any, source: str, transform: Any) -> None:
+        self.transform = transform
         self.time_codes.clear()
+        self.renders.clear()
 
-    def render(
-        self, time_code: Usd.TimeCode, label: str, output: str, transform: Any, progress: Any
-    ) -> RenderedFrame:
+    def render(self, time_code: Usd.TimeCode, label: str, render: Render, progress: Any) -> RenderedFrame:
         self.time_codes.append(time_code)
-        if StandInPass.before:
-            StandInPass.before(label)
+        self.renders.append(render)
+        if StandInRecorder.before:
+            StandInRecorder.before(label)
         colour = np.full((2, 3, 3), 0.25, dtype=np.float32)
         plane = np.ones((2, 3), dtype=np.float32)
         images = {"layers": {"direct": colour}, "composite": colour, "alpha": plane, "depth": plane}
-        with ImageWriter(output, ImageInfo(3, 2, 16, {"encore:frame": label}), transform) as writer:
-            writer.add(0, 0, {**images, "normal": colour})
-            for done in (0.0, 0.5, 1.0):
-                if not progress(done, "render"):
-                    raise Cancelled
+        busy_s = 0.0
+        for file in render.files:
+            info = ImageInfo(3, 2, 16, {"encore:frame": label})
+            with ImageWriter(file.path, info, self.transform) as writer:
+                writer.add(0, 0, {**images, "normal": colour})
+                for done in (0.0, 0.5, 1.0):
+                    if not progress(done, "render"):
+                        raise Cancelled
+            busy_s += writer.busy_s
         reports = Reports()
         reports.error("missing texture", "wood.png does not exist", "/World/Table")
-        return RenderedFrame(STATISTICS, reports, "/Cam", 0.125, writer.busy_s)
+        files = tuple(file.path for file in render.files)
+        return RenderedFrame(STATISTICS, reports, "/Cam", 0.125, busy_s, (3, 2), files)
 
 
 @pytest.fixture
 def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """A stage file next to a folder `out`; the renderer is replaced."""
-    monkeypatch.setattr(record, "RenderPass", StandInPass)
+    monkeypatch.setattr(record, "FrameRecorder", StandInRecorder)
     monkeypatch.setattr(record, "create_device", lambda select, disable_gpu: Device())
     (tmp_path / "out").mkdir()
     made = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
@@ -84,7 +89,7 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     made.SetStartTimeCode(5)
     made.Save()
     yield str(tmp_path / "a.usda")
-    StandInPass.before = None
+    StandInRecorder.before = None
 
 
 def names(folder: Path) -> list[str]:
@@ -98,14 +103,14 @@ def run(stage: str, output: str, *flags: str) -> int:
 def test_a_range_writes_every_frame(stage: str, tmp_path: Path) -> None:
     assert run(stage, "a.###.exr", "--frames", "1:5x2") == ExitCode.OK
     assert names(tmp_path / "out") == ["a.001.exr", "a.003.exr", "a.005.exr"]
-    assert [t.GetValue() for t in StandInPass.time_codes] == [1, 3, 5]
+    assert [t.GetValue() for t in StandInRecorder.time_codes] == [1, 3, 5]
 
 
 def test_start_time_and_default_time(stage: str) -> None:
     assert run(stage, "a.png") == ExitCode.OK
-    assert StandInPass.time_codes[0].GetValue() == 5
+    assert StandInRecorder.time_codes[0].GetValue() == 5
     assert run(stage, "a.png", "--defaultTime") == ExitCode.OK
-    assert StandInPass.time_codes[0].IsDefault()
+    assert StandInRecorder.time_codes[0].IsDefault()
 
 
 def test_the_first_failing_frame_ends_the_run_with_its_code(
@@ -115,7 +120,7 @@ def test_the_first_failing_frame_ends_the_run_with_its_code(
         if label == "2":
             raise StageError("points are not finite", "/World/Mesh", "Repair them")
 
-    StandInPass.before = fail
+    StandInRecorder.before = fail
     flags = ("--frames", "1:3", "--stats", str(tmp_path / "s.json"), "--progress", "openjd")
     assert run(stage, "a.#.exr", *flags) == ExitCode.STAGE
     assert names(tmp_path / "out") == ["a.1.exr"]
@@ -129,7 +134,7 @@ def test_the_first_failing_frame_ends_the_run_with_its_code(
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_stops_the_frame_and_leaves_nothing(stage: str, tmp_path: Path, number: int) -> None:
-    StandInPass.before = lambda label: os.kill(os.getpid(), number)
+    StandInRecorder.before = lambda label: os.kill(os.getpid(), number)
     before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
     assert run(stage, "a.exr") == 128 + number
     assert names(tmp_path / "out") == []
@@ -141,7 +146,7 @@ def test_a_signal_during_the_last_frame_keeps_the_frames_before(stage: str, tmp_
         if label == "2":
             os.kill(os.getpid(), signal.SIGTERM)
 
-    StandInPass.before = stop
+    StandInRecorder.before = stop
     assert run(stage, "a.#.exr", "--frames", "1:3") == ExitCode.TERMINATED
     assert names(tmp_path / "out") == ["a.1.exr"]
 
@@ -152,7 +157,7 @@ def test_an_unexpected_error_is_internal_and_leaves_nothing(
     def fail(label: str) -> None:
         raise ZeroDivisionError("oops")
 
-    StandInPass.before = fail
+    StandInRecorder.before = fail
     assert run(stage, "a.exr") == ExitCode.INTERNAL
     assert "internal error: ZeroDivisionError: oops" in capsys.readouterr().err
     assert names(tmp_path / "out") == []
@@ -226,7 +231,7 @@ def test_debug_aovs_of_png_are_refused_in_words(stage: str, capsys: pytest.Captu
     assert "--debugAovs" not in capsys.readouterr().err
 
 
-def test_render_settings_of_the_stage_are_said_to_be_unused(
+def test_render_settings_that_do_not_exist_are_said_to_be_unused(
     stage: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made = Usd.Stage.Open(stage)
@@ -243,20 +248,20 @@ def test_flags_reach_the_translation(stage: str) -> None:
     # The stand-in finds a texture missing while it renders, which --strict does not let pass.
     assert run(stage, "a.png", *flags, *more) == ExitCode.STAGE
     assert run(stage, "a.png", *(flag for flag in flags if flag != "--strict"), *more) == ExitCode.OK
-    assert not StandInPass.options["strict"]
+    assert not StandInRecorder.renders[0].sync["strict"]
     assert run(stage, "a.png", *flags, *more) == ExitCode.STAGE
-    assert StandInPass.options == {
+    render = StandInRecorder.renders[0]
+    assert render.sync == {
         "camera": "/C",
         "purposes": ("default", "render"),
-        "width": 64,
-        "height": 32,
         "camera_light": False,
         "strict": True,
         "shutter": ShutterOptions(motion_blur=True, opens=-1.0, closes=None),
         "depth_of_field": False,
     }
-    assert StandInPass.settings["target_edge_length_world"] == 0.5
-    assert StandInPass.settings["edge_length_scale"] == 0.25
+    assert (render.film.width, render.film.height) == (64, 32)
+    assert render.settings["target_edge_length_world"] == 0.5
+    assert render.settings["edge_length_scale"] == 0.25
 
 
 def test_setting_errors_of_the_core_name_the_flag(stage: str) -> None:
@@ -268,6 +273,16 @@ def test_setting_errors_of_the_core_name_the_flag(stage: str) -> None:
     converted = core_error(CoreError("shading_rate: value 1e9 is out of range. Choose less"))
     assert isinstance(converted, SettingError)
     assert str(converted) == "--shadingRate: value 1e9 is out of range. Choose less"
+
+
+def test_traces_of_usd(stage: str, tmp_path: Path) -> None:
+    json_file, text_file = tmp_path / "t.json", tmp_path / "t.txt"
+    assert run(stage, "a.png", "--traceToFile", str(json_file)) == ExitCode.OK
+    assert json.loads(json_file.read_text())["traceEvents"]
+    flags = ("--traceToFile", str(text_file), "--traceFormat", "trace")
+    assert run(stage, "a.#.png", *flags) == ExitCode.USAGE
+    assert "Tree view" in text_file.read_text(), "of runs that fail, too"
+    assert run(stage, "a.png", "--traceToFile", str(tmp_path / "gone" / "t")) == ExitCode.OUTPUT
 
 
 def test_session_layer_and_mask(tmp_path: Path) -> None:
@@ -287,3 +302,20 @@ def test_session_layer_and_mask(tmp_path: Path) -> None:
         )
     )
     assert [str(prim.GetPath()) for prim in opened.Traverse()] == ["/World", "/World/B"]
+
+
+def test_a_mask_leaves_render_settings(tmp_path: Path) -> None:
+    made = Usd.Stage.CreateNew(str(tmp_path / "m.usda"))
+    for path in ("/World/A", "/World/B", "/Render/Settings", "/Render/Products/A", "/Mine"):
+        made.DefinePrim(path)
+    for named, expected in (
+        ("", []),
+        ("/Render/Settings", ["/Render", "/Render/Settings", "/Render/Products", "/Render/Products/A"]),
+        ("/Mine", ["/Mine"]),
+    ):
+        made.SetMetadata("renderSettingsPrimPath", named)
+        made.Save()
+        options = record.RecordOptions(stage=str(tmp_path / "m.usda"), output="", mask=("/World/A",))
+        opened = record.open_stage(options)
+        paths = [str(prim.GetPath()) for prim in opened.Traverse()]
+        assert paths == ["/World", "/World/A", *expected]

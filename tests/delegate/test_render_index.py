@@ -42,7 +42,7 @@ def test_sync_at_another_time(stage: Usd.Stage) -> None:
 
 
 def test_types_go_by_hydras_names() -> None:
-    assert RenderDelegate.SUPPORTED_RPRIM_TYPES == ("mesh",)
+    assert {"mesh", "basisCurves", "points"} == set(RenderDelegate.SUPPORTED_RPRIM_TYPES)
     assert {"camera", "material", "distantLight"} <= set(RenderDelegate.SUPPORTED_SPRIM_TYPES)
     assert [s.key for s in RenderDelegate.render_setting_descriptors()] == list(SETTINGS)
 
@@ -51,7 +51,7 @@ def test_types_go_by_hydras_names() -> None:
 def test_nothing_to_render(case: str) -> None:
     stage = new_stage()
     if case == "unsupported":
-        UsdGeom.Points.Define(stage, "/World/Points")
+        UsdGeom.HermiteCurves.Define(stage, "/World/Curves")
     elif case != "empty":
         mesh = add_square(stage, "/World/Mesh")
         if case == "invisible":
@@ -64,7 +64,7 @@ def test_nothing_to_render(case: str) -> None:
             bind(mesh, add_material(stage, "/World/M", opacity=0.0, opacityThreshold=0.5))
     with pytest.raises(StageError, match="no renderable prim") as error:
         translate(stage)
-    says = {"unsupported": "Points", "bad": "17", "invisible": "visibility"}.get(case, "")
+    says = {"unsupported": "HermiteCurves", "bad": "17", "invisible": "visibility"}.get(case, "")
     assert says in error.value.remedy
 
 
@@ -91,8 +91,8 @@ def test_strict_says_all_that_it_found() -> None:
 
 def test_strict_lets_what_is_merely_unsupported_pass(stage: Usd.Stage) -> None:
     add_square(stage, "/World/Good")
-    UsdGeom.Points.Define(stage, "/World/Points")
-    assert kinds(translate(stage, strict=True))["unsupported Points"] == 1
+    UsdGeom.HermiteCurves.Define(stage, "/World/Curves")
+    assert kinds(translate(stage, strict=True))["unsupported HermiteCurves"] == 1
 
 
 def test_a_population_mask(stage: Usd.Stage) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import encore
 import pytest
 from encore import schema
+from encore.settings import SETTINGS, STAGE_SETTINGS
 from pxr import Sdf
 
 PACKAGE_PARENT = str(Path(encore.__file__).parents[1])
@@ -127,6 +128,9 @@ def test_validation_is_clean_with_it_and_not_blind() -> None:
         "prim.GetAttribute('primvars:encore:shadingRate').Set(4)\n"
         "prim.GetAttribute('primvars:encore:shadingRate:reflection').Set(1)\n"
         "prim.GetAttribute('primvars:encore:thinWalled').Set(True)\n"
+        "settings = stage.DefinePrim('/Render/Settings', 'RenderSettings')\n"
+        "settings.ApplyAPI('EncoreRenderSettingsAPI')\n"
+        "settings.GetAttribute('encore:samples').Set(4)\n"
         "material = stage.DefinePrim('/World/Glass', 'Material')\n"
         "material.ApplyAPI('EncoreMaterialAPI')\n"
         "material.GetAttribute('inputs:encore:dielectricPriority').Set(1)\n"
@@ -166,7 +170,7 @@ def test_generated_schema_is_made_of_the_source() -> None:
 
     def facts(prim: Sdf.PrimSpec) -> dict[str, tuple[object, ...]]:
         return {
-            p.name: (p.typeName, p.default, p.variability, p.displayName, p.displayGroup)
+            p.name: (p.typeName, p.default, p.variability, p.displayName, p.displayGroup, p.allowedTokens)
             for p in prim.attributes
         }
 
@@ -175,10 +179,51 @@ def test_generated_schema_is_made_of_the_source() -> None:
         (schema.MATERIAL_API_SCHEMA, {schema.DIELECTRIC_PRIORITY}),
         (schema.LIGHT_API_SCHEMA, {schema.LIGHT_SAMPLES}),
         (schema.CAMERA_API_SCHEMA, {schema.APERTURE_BLADES, schema.APERTURE_ROTATION}),
+        (schema.RENDER_SETTINGS_API_SCHEMA, set(STAGE_SETTINGS)),
     ):
         made = facts(generated_layer.GetPrimAtPath(f"/{api}"))
         assert facts(source_layer.GetPrimAtPath(f"/{api}")) == made
         assert set(made) == names
+
+
+def test_render_settings_are_those_of_the_table() -> None:
+    layer = Sdf.Layer.OpenAsAnonymous(str(SOURCE))
+    attributes = layer.GetPrimAtPath(f"/{schema.RENDER_SETTINGS_API_SCHEMA}").attributes
+    assert [a.name for a in attributes] == list(STAGE_SETTINGS)
+    for attribute in attributes:
+        setting = STAGE_SETTINGS[attribute.name]
+        assert attribute.typeName == setting.usd_type_name
+        assert attribute.variability == Sdf.VariabilityUniform
+        if setting.kind == "float":
+            assert attribute.default == pytest.approx(setting.default)
+        else:
+            assert attribute.default == setting.default
+        assert tuple(attribute.allowedTokens or ()) == setting.choices
+        text = " ".join(attribute.documentation.split())
+        assert text.startswith(setting.doc.replace("`", ""))
+        if setting.kind in ("int", "float", "size"):
+            assert text.lower().endswith(f"{setting.range_text}.".lower())
+
+
+def test_which_settings_the_stage_may_say() -> None:
+    unsaid = {s.key for s in SETTINGS.values()} - {s.key for s in STAGE_SETTINGS.values()}
+    assert unsaid == {"width", "height", "shader_cache", "threads"}
+    assert STAGE_SETTINGS["encore:shadingRate"].key == "shading_rate"
+    assert STAGE_SETTINGS["encore:energyCompensation"].key == "energy_compensation"
+    assert STAGE_SETTINGS["encore:memory"].key == "memory_budget_bytes"
+
+
+def test_render_settings_api() -> None:
+    out = run(
+        "import encore" + STAGE + "from pxr import UsdRender\n"
+        "assert not prim.CanApplyAPI('EncoreRenderSettingsAPI'), 'only to settings and products'\n"
+        "settings = UsdRender.Settings.Define(stage, '/Render/Settings').GetPrim()\n"
+        "product = UsdRender.Product.Define(stage, '/Render/Product').GetPrim()\n"
+        "assert settings.ApplyAPI('EncoreRenderSettingsAPI')\n"
+        "assert product.ApplyAPI('EncoreRenderSettingsAPI')\n"
+        "print(settings.GetAttribute('encore:samples').Get(), settings.GetAttribute('encore:method').Get())"
+    )
+    assert out.split() == ["8", "reuse"]
 
 
 def test_names_are_those_that_the_translation_reads() -> None:

@@ -1,7 +1,6 @@
 """Textures: nodes, files, colour spaces, coordinates, and files that cannot be read."""
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -35,27 +34,26 @@ def srgb_to_linear(encoded: float) -> float:
     return encoded / 12.92 if encoded <= 0.04045 else ((encoded + 0.055) / 1.055) ** 2.4
 
 
+def textures_of(stage: Usd.Stage, reports: Reports) -> Textures:
+    textures = Textures()
+    textures.begin(SyncContext(stage, Usd.TimeCode.Default(), reports))
+    return textures
+
+
 class Recorder:
-    """Takes textures as a scene does, and reads their pixels as the renderer does later."""
+    """Asks for textures as materials do, and reads their pixels as the renderer does later."""
 
     def __init__(self, stage: Usd.Stage) -> None:
         self.reports = Reports()
-        self.textures = Textures(self, SyncContext(stage, Usd.TimeCode.Default(), self.reports))
-        self.added: list[tuple[str, int, int, Callable[[], npt.NDArray[np.float16]]]] = []
-
-    def add_texture_source(
-        self, path: str, width: int, height: int, read: Callable[[], npt.NDArray[np.float16]]
-    ) -> int:
-        self.added.append((path, width, height, read))
-        return len(self.added) - 1
+        self.textures = textures_of(stage, self.reports)
 
     def index(self, file: str, space: str = "auto") -> int:
         return self.textures.index(Sdf.AssetPath(file), space, Sdf.Path("/World/Material/Texture"))
 
     def pixels(self, file: str, space: str = "auto") -> npt.NDArray[np.float16]:
-        _, width, height, read = self.added[self.index(file, space)]
-        found = read()
-        assert found.shape == (height, width, 4) and found.dtype == np.float16
+        index = self.index(file, space)
+        found, header = self.textures.pixels(index), self.textures.header(index)
+        assert header and found.shape == (header.height, header.width, 4) and found.dtype == np.float16
         return found
 
     @property
@@ -285,7 +283,7 @@ def test_textures_are_read_when_asked_for(recorder: Recorder, tmp_path: Path) ->
     assert recorder.pixels(file).tolist() == [[[0, 0, 0, 1]]], "not read before"
     Path(file).unlink()
     with pytest.raises(AssetError, match=r"/World/Material/Texture: the texture .*a\.png cannot be read"):
-        recorder.added[0][3]()
+        recorder.textures.pixels(0)
 
 
 @pytest.mark.parametrize("extension", ["png", "jpg", "exr", "tif", "hdr", "bmp", "tga"])
@@ -315,7 +313,7 @@ def test_damage_inside_of_a_file_ends_the_frame_with_its_name(recorder: Recorder
     Path(path).write_bytes(data)
     assert recorder.index(path) == 0
     with pytest.raises(AssetError, match=r"a\.png cannot be read"):
-        recorder.added[0][3]()
+        recorder.textures.pixels(0)
 
 
 def test_a_tiled_file_with_levels(recorder: Recorder, tmp_path: Path) -> None:
@@ -480,7 +478,7 @@ def test_a_missing_file_is_not_looked_for_in_the_working_directory(
     prim.CreateAttribute("inputs:file", Sdf.ValueTypeNames.Asset).Set("./only_here.png")
     monkeypatch.chdir(tmp_path / "elsewhere")
     reports = Reports()
-    textures = Textures(object(), SyncContext(stage, Usd.TimeCode.Default(), reports))
+    textures = textures_of(stage, reports)
     assert textures.index(prim.GetAttribute("inputs:file").Get(), "raw", prim.GetPath()) == -1
     assert "missing texture" in {r.kind for r in reports}
 
@@ -488,6 +486,6 @@ def test_a_missing_file_is_not_looked_for_in_the_working_directory(
 def test_a_file_that_is_no_asset_is_reported() -> None:
     reports = Reports()
     stage = Usd.Stage.CreateInMemory()
-    textures = Textures(object(), SyncContext(stage, Usd.TimeCode.Default(), reports))
+    textures = textures_of(stage, reports)
     assert textures.index("abc.png", "raw", Sdf.Path("/T")) == -1  # type: ignore[arg-type]
     assert "bad texture file" in {r.kind for r in reports}

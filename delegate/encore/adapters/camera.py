@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
 
-from encore.adapters.context import Matrix, SyncContext, floats, to_matrix
+from encore.adapters.context import Matrix, SyncContext, floats, number_of, to_matrix
 from encore.adapters.matrix_motion import Matrices, world_keys
 from encore.errors import StageError
 
@@ -73,6 +73,56 @@ class CameraData:
         axis = -self.to_world[2, :3]
         x, y, z = axis / np.linalg.norm(axis)
         return float(x), float(y), float(z)
+
+
+@dataclass(frozen=True)
+class FilmOptions:
+    """How a camera's aperture becomes an image.
+
+    width and height in pixels; without a height, the camera decides it. pixel_aspect_ratio: width / height of
+    a pixel. conform_policy: UsdRenderSettingsBase's
+    aspectRatioConformPolicy; what usdrecord does is adjustApertureHeight.
+    """
+
+    width: int = 960
+    height: int | None = None
+    pixel_aspect_ratio: float = 1.0
+    conform_policy: str = "adjustApertureHeight"
+
+
+@dataclass(frozen=True)
+class Film:
+    """An image of a camera: its size in pixels, their shape, and the film window's half width and height."""
+
+    width: int
+    height: int
+    half_tangents: tuple[float, float]
+    pixel_aspect_ratio: float
+
+
+def conform(camera: CameraData, options: FilmOptions) -> Film:
+    """The film of a camera, whose aperture is adjusted where the image has another shape (UsdRenderSpec)."""
+    pixel = options.pixel_aspect_ratio
+    if not options.height:
+        # The aperture is covered exactly, but for the rounding: no policy has anything to decide.
+        width, height = image_size(options.width, None, camera.aspect / pixel)
+        half = camera.half_tangent
+        return Film(width, height, (half, half * height / (width * pixel)), pixel)
+    width, height = options.width, options.height
+    half_x, half_y = camera.half_tangent, camera.half_tangent / camera.aspect
+    image_aspect = pixel * width / height
+    wider = camera.aspect > image_aspect
+    policy = options.conform_policy
+    if policy == "adjustPixelAspectRatio":
+        return Film(width, height, (half_x, half_y), camera.aspect * height / width)
+    keeps_width = (
+        policy == "adjustApertureHeight"
+        or (policy == "expandAperture" and wider)
+        or (policy == "cropAperture" and not wider)
+    )
+    if keeps_width:
+        return Film(width, height, (half_x, half_x * height / (width * pixel)), pixel)
+    return Film(width, height, (half_y * image_aspect, half_y), pixel)
 
 
 def image_size(width: int, height: int | None, aspect: float) -> tuple[int, int]:
@@ -152,8 +202,8 @@ def read_shutter(prim: Usd.Prim, options: ShutterOptions, context: SyncContext) 
         return 0.0, 0.0
     opens, closes = camera.GetShutterOpenAttr(), camera.GetShutterCloseAttr()
     interval = (
-        float(opens.Get(context.time)) if options.opens is None else options.opens,
-        float(closes.Get(context.time)) if options.closes is None else options.closes,
+        number_of(opens, context.time) if options.opens is None else options.opens,
+        number_of(closes, context.time) if options.closes is None else options.closes,
     )
     if not (math.isfinite(sum(interval)) and interval[0] <= interval[1]):
         context.reports.error(
@@ -228,7 +278,7 @@ def _from_gf(gf: Gf.Camera, path: str, to_world: Matrix, clipping: tuple[float, 
 
 def _lens(gf: Gf.Camera, camera: UsdGeom.Camera, context: SyncContext) -> dict[str, Any]:
     """Lens and focus of a camera with an f-number: the lens is focalLength / fStop wide (UsdGeomCamera)."""
-    if not gf.fStop > 0:
+    if gf.fStop <= 0:
         return {}
     radius = gf.focalLength * Gf.Camera.FOCAL_LENGTH_UNIT / gf.fStop / 2
     if not (

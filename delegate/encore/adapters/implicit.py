@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from pxr import Usd, UsdGeom
 
-from encore.adapters.context import Matrix, SyncContext
+from encore.adapters.context import Matrix, SyncContext, number_of
 from encore.adapters.mesh import MeshData
 from encore.adapters.primvars import Primvar
 
@@ -38,12 +38,15 @@ class Shape:
 def shape_of(prim: Usd.Prim, context: SyncContext) -> Shape | None:
     """The shape of a supported prim at the context's time; None, and a report, where it has no size."""
     kind = str(prim.GetTypeName())
-    values = {name: float(prim.GetAttribute(name).Get(context.time)) for name in _SIZES[kind]}
+    values = {name: number_of(prim.GetAttribute(name), context.time) for name in _SIZES[kind]}
     if not all(math.isfinite(v) and v >= 0 for v in values.values()) or _is_flat(kind, values):
         text = ", ".join(f"{name} {value:g}" for name, value in values.items())
         context.reports.error("bad implicit shape", f"cannot be rendered with {text}", prim.GetPath())
         return None
     axis = "Z" if kind in ("Sphere", "Cube") else str(prim.GetAttribute("axis").Get(context.time))
+    if axis not in _AXES:
+        context.reports.error("bad axis", f"axis {axis} is none of X, Y and Z: Z is used", prim.GetPath())
+        axis = "Z"
     key, scale = _normalize(kind, values, axis)
     return Shape(key, _frame(axis) * np.array([*scale, 1.0])[:, None])
 
@@ -64,6 +67,7 @@ _SIZES: dict[str, tuple[str, ...]] = {
     "Plane": ("width", "length"),
 }
 TYPES = tuple(_SIZES)
+_AXES = {"X": (1, 2, 0), "Y": (2, 0, 1), "Z": (0, 1, 2)}
 
 
 def _is_flat(kind: str, v: dict[str, float]) -> bool:
@@ -96,7 +100,7 @@ def _normalize(
 
 def _frame(axis: str) -> Matrix:
     """Rows: where the mesh's u, v and axis (its x, y and z) point. Turns, does not mirror."""
-    order = {"X": (1, 2, 0), "Y": (2, 0, 1), "Z": (0, 1, 2)}[axis]
+    order = _AXES[axis]
     matrix = np.zeros((4, 4))
     matrix[3, 3] = 1
     for row, column in enumerate(order):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
-from encore.adapters.context import Matrix, SyncContext, floats
+from encore.adapters.context import Matrix, SyncContext, floats, number_of
 from encore.adapters.texture import Textures
 
 Colour = tuple[float, float, float]
@@ -46,8 +46,15 @@ class LightData:
     radiance: Colour
     shape: dict[str, Any] = field(default_factory=dict)
 
-    def arguments(self) -> dict[str, Any]:
-        return {"kind": self.kind, "path": self.path, "radiance": self.radiance, **self.shape}
+    @property
+    def texture(self) -> int:
+        """Of Textures; -1: none."""
+        return int(self.shape.get("texture", -1))
+
+    def arguments(self, texture: int) -> dict[str, Any]:
+        """Keyword arguments of _core.Scene.add_light. texture: the scene's."""
+        shape = self.shape | {"texture": texture} if self.texture >= 0 else self.shape
+        return {"kind": self.kind, "path": self.path, "radiance": self.radiance, **shape}
 
 
 @dataclass(frozen=True)
@@ -145,7 +152,7 @@ def _radiance(light: UsdLux.LightAPI, size: float, context: SyncContext) -> Colo
 def _distant(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> Shape:
     direction = -to_world[2, :3]
     length = float(np.linalg.norm(direction))
-    degrees = float(UsdLux.DistantLight(prim).GetAngleAttr().Get(context.time))
+    degrees = number_of(UsdLux.DistantLight(prim).GetAngleAttr(), context.time)
     if not (length > 0 and math.isfinite(length) and math.isfinite(degrees)):
         return Shape({}, 0.0)
     angle = math.radians(min(max(degrees, 0.0), 360.0))
@@ -159,13 +166,13 @@ def _distant(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> Shape:
 
 def _rect(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> Shape:
     light = UsdLux.RectLight(prim)
-    width = max(float(light.GetWidthAttr().Get(context.time)), 0.0)
-    height = max(float(light.GetHeightAttr().Get(context.time)), 0.0)
+    width = max(number_of(light.GetWidthAttr(), context.time), 0.0)
+    height = max(number_of(light.GetHeightAttr(), context.time), 0.0)
     return _flat(to_world[0, :3] * (width / 2), to_world[1, :3] * (height / 2), to_world, 4.0)
 
 
 def _disk(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> Shape:
-    radius = max(float(UsdLux.DiskLight(prim).GetRadiusAttr().Get(context.time)), 0.0)
+    radius = max(number_of(UsdLux.DiskLight(prim).GetRadiusAttr(), context.time), 0.0)
     return _flat(to_world[0, :3] * radius, to_world[1, :3] * radius, to_world, math.pi)
 
 
@@ -189,7 +196,7 @@ def _sphere(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> Shape:
             prim.GetPath(),
         )
     light = UsdLux.SphereLight(prim)
-    radius = scale * float(light.GetRadiusAttr().Get(context.time))
+    radius = scale * number_of(light.GetRadiusAttr(), context.time)
     _report_hint(prim, "treatAsPoint", "a sphere", context)
     area = 4 * math.pi * radius * abs(radius)
     return Shape({"centre": _triple(to_world[3, :3]), "radius": radius}, _finite(area))
@@ -198,7 +205,7 @@ def _sphere(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> Shape:
 def _cylinder(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> Shape:
     light = UsdLux.CylinderLight(prim)
     axis, y, z = to_world[:3, :3]
-    half = axis * (float(light.GetLengthAttr().Get(context.time)) / 2)
+    half = axis * (number_of(light.GetLengthAttr(), context.time) / 2)
     # The cross section, seen along the axis; a round one of equal area.
     stretches: Matrix = np.zeros(2)
     length = float(np.linalg.norm(axis))
@@ -212,10 +219,10 @@ def _cylinder(prim: Usd.Prim, to_world: Matrix, context: SyncContext) -> Shape:
             "is rendered as a round cylinder of equal cross section, not as an elliptic or leaning one",
             prim.GetPath(),
         )
-    radius = math.sqrt(float(stretches.prod())) * float(light.GetRadiusAttr().Get(context.time))
+    radius = math.sqrt(float(stretches.prod())) * number_of(light.GetRadiusAttr(), context.time)
     _report_hint(prim, "treatAsLine", "a cylinder", context)
     area = 4 * math.pi * radius * float(np.linalg.norm(half))
-    positive = float(light.GetLengthAttr().Get(context.time)) > 0
+    positive = number_of(light.GetLengthAttr(), context.time) > 0
     arguments = {"centre": _triple(to_world[3, :3]), "half_u": _triple(half), "radius": radius}
     return Shape(arguments, _finite(area) if positive else 0.0)
 

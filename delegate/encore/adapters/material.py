@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
-from pxr import Usd, UsdShade
+from pxr import Sdf, Usd, UsdShade
 
 from encore.adapters import glsl
 from encore.adapters.context import SyncContext, floats
 from encore.adapters.network import Input, Network
 from encore.adapters.texture import Textures
+from encore.report import Reports
 
 # On the material prim: where transparent solids overlap, the one of higher priority is there.
 DIELECTRIC_PRIORITY = "inputs:encore:dielectricPriority"
 
 # Of terminals: outputs of this render context win over the universal ones.
-_RENDER_CONTEXT = "encore"
+RENDER_CONTEXT = "encore"
 # Input of UsdPreviewSurface → key of _core.Scene.add_material, and default (UsdPreviewSurface 2.6). occlusion
 # is left out: the specification leaves it to renderers that do not compute occlusion themselves.
 _COLOURS = {
@@ -61,23 +63,47 @@ class MaterialData:
     optional: frozenset[str] = frozenset()
     cut_out: bool = False
 
-    @property
+    @cached_property
     def texcoords(self) -> frozenset[str]:
         """Names of the texture coordinates that it reads."""
         textures = (n for n in self.nodes if n["kind"] == "texture" and n["texture"] >= 0)
         names = frozenset(n["texcoord"] for n in textures if n["texcoord"])
         return names | {_GLSL_TEXCOORD} if self.tangents or self._has_glsl else names
 
-    @property
+    @cached_property
     def _has_glsl(self) -> bool:
         return bool(self.surface_shader or self.displacement_shader)
 
-    @property
+    @cached_property
     def reads_color(self) -> bool:
         """True where it reads displayColor per element."""
         return self._has_glsl or any(n["kind"] == "displayColor" for n in self.nodes)
 
-    @property
+    @cached_property
+    def reads(self) -> dict[str, int]:
+        """Floats that it reads of each primvar, texture coordinates and displayColor among them."""
+        found = dict(self.primvars)
+        if self.reads_color:
+            found["displayColor"] = max(3, found.get("displayColor", 0))
+        for name in self.texcoords:
+            found[name] = max(2, found.get(name, 0))
+        return found
+
+    @cached_property
+    def displacement_reads(self) -> frozenset[str]:
+        """Names of the primvars that its displacement reads, or may read where it is GLSL."""
+        inputs = [self.inputs.get("displacement")]
+        names = set[str]()
+        if self.displacement_shader:
+            inputs += [p["input"] for p in self.displacement_shader["parameters"]]
+            names |= {_GLSL_TEXCOORD, "displayColor"}
+        for found in inputs:
+            if isinstance(found, dict) and found["node"] >= 0:
+                node = self.nodes[found["node"]]
+                names.add(node["kind"] if node["kind"] == "displayColor" else _name_read(node))
+        return frozenset(names)
+
+    @cached_property
     def transmits(self) -> bool:
         """True where light may pass the surface and be bent: it matters whether meshes are solids."""
         if self.surface_shader:
@@ -87,17 +113,24 @@ class MaterialData:
         opacity = self.inputs.get("opacity", 1.0)
         return isinstance(opacity, dict) or opacity < 1
 
-    @property
+    @cached_property
     def displaces(self) -> bool:
         """True where it moves the points of meshes."""
         displacement = self.inputs.get("displacement", 0.0)
         return bool(self.displacement_shader or isinstance(displacement, dict) or displacement)
 
-    def arguments(self) -> dict[str, Any]:
+    @cached_property
+    def reads_files(self) -> bool:
+        """True where it has GLSL from files."""
+        shaders = (self.surface_shader, self.displacement_shader)
+        return any(s is not None and not s["file"].startswith(s["path"] + ".") for s in shaders)
+
+    def arguments(self, textures: Mapping[int, int]) -> dict[str, Any]:
+        """Keyword arguments of _core.Scene.add_material. textures: the scene's, by those of Textures."""
         return {
             "path": self.path,
             "inputs": self.inputs,
-            "nodes": self.nodes,
+            "nodes": [_in_scene(n, textures) for n in self.nodes] if textures else self.nodes,
             "use_specular_workflow": self.use_specular_workflow,
             "opacity_threshold": self.opacity_threshold,
             "opacity_mode": self.opacity_mode,
@@ -107,26 +140,55 @@ class MaterialData:
         }
 
 
+def _in_scene(node: dict[str, Any], textures: Mapping[int, int]) -> dict[str, Any]:
+    """A node with the scene's textures."""
+    found = node
+    if node.get("texture", -1) >= 0:
+        found = found | {"texture": textures[node["texture"]]}
+    if node.get("udim"):
+        found = found | {"udim": [textures[t] if t >= 0 else -1 for t in node["udim"]]}
+    return found
+
+
+_OPACITY = "displayOpacity"
 # Of meshes without a material: matte, and without an interface that reflects.
 _MATTE = {"ior": 1.0, "roughness": 1.0}
 
 
+GREY = (0.18, 0.18, 0.18)
+
+
 def default_material() -> MaterialData:
     """For what has neither material nor displayColor."""
-    return MaterialData("default", {"diffuse_color": (0.18, 0.18, 0.18), **_MATTE})
+    return MaterialData("default", {"diffuse_color": GREY, **_MATTE})
 
 
-def color_material(color: tuple[float, float, float]) -> MaterialData:
-    """For what has a constant displayColor and no material."""
-    name = ", ".join(f"{c:.6g}" for c in color)
-    return MaterialData(f"displayColor({name})", {"diffuse_color": color, **_MATTE})
-
-
-def display_color_material() -> MaterialData:
-    """For what has a displayColor that varies, and no material."""
-    node = {"kind": "displayColor", "path": "displayColor"}
-    diffuse = {"value": (0.18, 0.18, 0.18), "node": 0, "channel": 0}
-    return MaterialData("displayColor", {"diffuse_color": diffuse, **_MATTE}, [node])
+def display_material(color: tuple[float, ...] | None, opacity: float | None) -> MaterialData:
+    """For what has no material: displayColor, and displayOpacity as presence. None: it varies."""
+    inputs: dict[str, Any] = {"diffuse_color": color, **_MATTE}
+    nodes: list[dict[str, Any]] = []
+    name = "displayColor" if color is None else f"displayColor({', '.join(f'{c:.6g}' for c in color)})"
+    if color is None:
+        inputs["diffuse_color"] = {"value": GREY, "node": 0, "channel": 0}
+        nodes.append({"kind": "displayColor", "path": "displayColor"})
+    if opacity == 1:
+        return MaterialData(name, inputs, nodes)
+    name += " displayOpacity" if opacity is None else f" displayOpacity({opacity:.6g})"
+    inputs["opacity"] = opacity
+    if opacity is None:
+        inputs["opacity"] = {"value": 1.0, "node": len(nodes), "channel": 0}
+        fallback = (1.0, 0.0, 0.0, 0.0)
+        nodes.append({"kind": "primvar", "path": _OPACITY, "primvar": _OPACITY, "fallback": fallback})
+    reads = {_OPACITY: 1} if opacity is None else {}
+    return MaterialData(
+        name,
+        inputs,
+        nodes,
+        opacity_mode="presence",
+        primvars=reads,
+        optional=frozenset(reads),
+        cut_out=opacity == 0,
+    )
 
 
 def read_material(
@@ -135,6 +197,9 @@ def read_material(
     """The material; None, and a report, where it has no surface that is supported."""
     shader = _terminal(material, "surface")
     path = material.GetPath()
+    volume = material.GetVolumeOutput()
+    if volume and volume.HasConnectedSource():
+        context.reports.add("volume shader", "volumes are not supported: nothing fills its inside", path)
     if not shader:
         contexts = sorted({o.GetBaseName() for o in material.GetOutputs()}) or ["none"]
         context.reports.add(
@@ -160,7 +225,7 @@ def read_material(
 def _terminal(material: UsdShade.Material, name: str) -> UsdShade.Shader:
     """The shader of a material's terminal, "surface" or "displacement"; an invalid one where it has none."""
     compute = material.ComputeSurfaceSource if name == "surface" else material.ComputeDisplacementSource
-    own = compute(_RENDER_CONTEXT)[0] if material.GetOutput(f"{_RENDER_CONTEXT}:{name}") else None
+    own = compute(RENDER_CONTEXT)[0] if material.GetOutput(f"{RENDER_CONTEXT}:{name}") else None
     return own or compute()[0]
 
 
@@ -318,19 +383,44 @@ class _Reader:
         return int(number[0])
 
 
+def _name_read(node: dict[str, Any]) -> str:
+    """The primvar that a node for primvars or textures reads."""
+    return str(node["primvar"] if node["kind"] == "primvar" else node["texcoord"])
+
+
 def _needed(nodes: list[dict[str, Any]]) -> set[str]:
     """Texture coordinates that textures read, and that must be there for them."""
     return {n["texcoord"] for n in nodes if n["kind"] == "texture" and "texcoord_fallback" not in n}
 
 
-def bound_materials(prims: list[Usd.Prim], purposes: tuple[str, ...]) -> list[UsdShade.Material | None]:
-    """The material bound to each prim, for the first purpose that has one (allPurpose counts for all)."""
+def bound_materials(
+    prims: list[Usd.Prim],
+    purposes: tuple[str, ...],
+    dangling: dict[Sdf.Path, Usd.Relationship] | None = None,
+) -> list[UsdShade.Material | None]:
+    """The material bound to each prim, for the first purpose that has one (allPurpose counts for all).
+
+    dangling: takes the bindings, by prim, that name no material.
+    """
     found: list[UsdShade.Material | None] = [None] * len(prims)
     for purpose in purposes:
         missing = [i for i, material in enumerate(found) if material is None]
         if not missing:
             break
-        materials, _ = UsdShade.MaterialBindingAPI.ComputeBoundMaterials([prims[i] for i in missing], purpose)
-        for i, material in zip(missing, materials, strict=True):
+        materials, bindings = UsdShade.MaterialBindingAPI.ComputeBoundMaterials(
+            [prims[i] for i in missing], purpose
+        )
+        for i, material, binding in zip(missing, materials, bindings, strict=True):
             found[i] = material if material else None
+            if dangling is not None and binding and not material:
+                dangling.setdefault(prims[i].GetPath(), binding)
     return found
+
+
+def report_dangling(binding: Usd.Relationship, reports: Reports) -> None:
+    """Reports a binding that names no material, at the prim that has it."""
+    targets = binding.GetForwardedTargets()
+    name = targets[-1] if targets else "nothing"  # of bindings to collections, the first is the collection
+    reports.error(
+        "missing material", f"is bound to {name}, which is no material: it has none", binding.GetPrimPath()
+    )

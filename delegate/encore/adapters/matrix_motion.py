@@ -224,7 +224,15 @@ def point_instancer_keys(
     if not attributes and not any(a.HasAuthoredValue() for a in speeds):
         return None
     opens, closes = context.shutter
-    whole = True
+    # USD reads beyond the end of these where they are short.
+    times = [opens + f * (closes - opens) for f in breaks_of(attributes, context.shutter)]
+    unchecked = (*sampled[1:], instancer.GetScalesAttr())
+    whole = all(
+        len(attribute.Get(Usd.TimeCode(t)) or ()) in (0, count)
+        for attribute in unchecked
+        if attribute in attributes
+        for t in times
+    )
 
     def sample(fractions: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
         nonlocal whole
@@ -237,7 +245,7 @@ def point_instancer_keys(
             return np.broadcast_to(np.eye(4), (len(times), count, 4, 4))
         return np.array(found, dtype=np.float64).reshape(len(times), count, 4, 4)
 
-    keys = resample(sample, breaks_of(attributes, context.shutter))
+    keys = resample(sample, breaks_of(attributes, context.shutter)) if whole else None
     if not whole:
         context.reports.add(
             "instances that come or go",

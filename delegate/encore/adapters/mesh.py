@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from pxr import Sdf, Usd, UsdGeom
 
-from encore.adapters.context import Matrix, SyncContext
+from encore.adapters.context import BadValueError, Matrix, SyncContext, array_of
+from encore.adapters.curve_counts import segment_counts
 from encore.adapters.motion import normal_motion, point_motion
 from encore.adapters.primvars import (
     TARGET_EDGE_LENGTH,
@@ -30,6 +31,8 @@ from encore.adapters.primvars import (
     report_missing,
 )
 from encore.adapters.shading_rate import NO_RATES, Rates, read_rates
+from encore.adapters.skin_binding import may_be_skinned, read_skin
+from encore.adapters.skinning import pose_geometry
 
 _NO_INTS: IntArray = np.empty(0, np.int32)
 _NO_FLOATS: FloatArray = np.empty(0, np.float32)
@@ -39,8 +42,9 @@ _HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0x6A09E667F3BCC909, 0xBB67AE8584CA
 
 @dataclass
 class MeshData:
-    """One mesh as _core.Scene.add_mesh takes it, without materials. points: (n, 3), in its own space.
+    """One mesh, set of curves or of points as _core.Mesh takes it. points: (n, 3), in its own space.
 
+    shape: "faces"; "curves", whose face_vertex_counts are points per curve; "points". widths: of both, (n,).
     primvars: four floats wide. motion_points and motion_normals: (keys, n, 3), points and values of normals
     at uniform times over the shutter; None: they stay. Arrays may be views of USD's and are not to be
     written to.
@@ -72,10 +76,14 @@ class MeshData:
     link_group: int = 0
     motion_points: FloatArray | None = None
     motion_normals: FloatArray | None = None
+    shape: str = "faces"
+    basis: str = "linear"
+    wrap: str = "nonperiodic"
+    widths: Primvar | None = None
 
     @property
     def face_count(self) -> int:
-        return len(self.face_vertex_counts)
+        return len(self.points) if self.shape == "points" else len(self.face_vertex_counts)
 
     def without(self, cut: npt.NDArray[np.bool_]) -> MeshData:
         """The same mesh without the faces where `cut` is true.
@@ -85,12 +93,39 @@ class MeshData:
         if self.scheme != "none":
             holes = np.union1d(self.hole_indices, np.flatnonzero(cut)).astype(np.int32)
             return replace(self, hole_indices=holes)
+        if self.shape != "faces":
+            return self._without_elements(~cut)
         kept = {"uniform": ~cut, "faceVarying": np.repeat(~cut, self.face_vertex_counts)}
         return replace(
             self,
             face_vertex_counts=self.face_vertex_counts[kept["uniform"]],
             face_vertex_indices=self.face_vertex_indices[kept["faceVarying"]],
             normals=_kept(self.normals, kept),
+            motion_normals=self._kept_motion(kept),
+            display_color=_kept(self.display_color, kept),
+            texcoords={name: primvar.kept(kept) for name, primvar in self.texcoords.items()},
+            primvars={name: primvar.kept(kept) for name, primvar in self.primvars.items()},
+        )
+
+    def _without_elements(self, keep: npt.NDArray[np.bool_]) -> MeshData:
+        """The same curves or points without those that are not kept."""
+        points = keep
+        kept = dict.fromkeys(("uniform", "vertex", "varying", "faceVarying"), keep)
+        counts = self.face_vertex_counts
+        if self.shape == "curves":
+            points = np.repeat(keep, counts)
+            ends = segment_counts(counts, self.basis, self.wrap) + (self.wrap != "periodic")
+            varying = np.repeat(keep, ends)
+            kept = {"uniform": keep, "vertex": points, "varying": varying, "faceVarying": varying}
+            counts = np.ascontiguousarray(counts[keep])
+        motion = self.motion_points
+        return replace(
+            self,
+            points=np.ascontiguousarray(self.points[points]),
+            face_vertex_counts=counts,
+            widths=_kept(self.widths, kept),
+            normals=_kept(self.normals, kept),
+            motion_points=None if motion is None else np.ascontiguousarray(motion[:, points]),
             motion_normals=self._kept_motion(kept),
             display_color=_kept(self.display_color, kept),
             texcoords={name: primvar.kept(kept) for name, primvar in self.texcoords.items()},
@@ -105,7 +140,10 @@ class MeshData:
         return self.motion_normals if keep is None else np.ascontiguousarray(self.motion_normals[:, keep])
 
     def transformed(self, matrix: Matrix) -> MeshData:
-        """The same mesh in another space. A mirroring transform turns the orientation round."""
+        """The same mesh in another space. A mirroring transform turns the orientation round.
+
+        Widths of curves and points are scaled by the mean of the axes' scales.
+        """
         linear, translation = matrix[:3, :3], matrix[3, :3]
         determinant = np.linalg.det(linear)
         to_normals = np.linalg.inv(linear).T if determinant != 0 else None
@@ -124,15 +162,57 @@ class MeshData:
             motion_points=motion_points,
             motion_normals=motion_normals,
             left_handed=self.left_handed != bool(determinant < 0),
+            widths=_scaled(self.widths, abs(determinant) ** (1 / 3)),
         )
 
+    def but(self, **changes: Any) -> MeshData:
+        """A copy with other values: as dataclasses.replace(), but fast."""
+        copy = object.__new__(MeshData)
+        copy.__dict__.update(self.__dict__)
+        copy.__dict__.update(changes)
+        return copy
+
     def arguments(self) -> dict[str, Any]:
-        """Keyword arguments of _core.Scene.add_mesh."""
-        lists = {
-            "texcoords": [(name, *primvar) for name, primvar in self.texcoords.items()],
-            "primvars": [(name, *primvar) for name, primvar in self.primvars.items()],
-        }
-        return vars(self) | lists
+        """Keyword arguments of _core.Mesh, without those that are at its defaults."""
+        own = vars(self)
+        given = {n: own[n] for n in _REQUIRED}
+        for name, default in _DEFAULTS.items():
+            if own[name] != default:
+                given[name] = own[name]
+        given |= {n: own[n] for n in _ARRAYS if own[n].size}
+        given |= {n: own[n] for n in _OPTIONAL if own[n] is not None}
+        for name in _NAMED:
+            if own[name]:
+                given[name] = [(n, *primvar) for n, primvar in own[name].items()]
+        return given
+
+
+# Fields of MeshData by how core takes them. Those of its place in a scene, shading_rate and link_group, are
+# left out.
+_REQUIRED = ("path", "points", "face_vertex_counts", "face_vertex_indices")
+_DEFAULTS: Mapping[str, Any] = {
+    "scheme": "catmullClark",
+    "interpolate_boundary": "edgeAndCorner",
+    "face_varying": "cornersPlus1",
+    "triangle_subdivision": "catmullClark",
+    "left_handed": False,
+    "double_sided": False,
+    "target_edge_length_world": 0.0,
+    "thin_walled": False,
+    "shape": "faces",
+    "basis": "linear",
+    "wrap": "nonperiodic",
+}
+_ARRAYS = (
+    "hole_indices",
+    "corner_indices",
+    "corner_sharpnesses",
+    "crease_indices",
+    "crease_lengths",
+    "crease_sharpnesses",
+)
+_OPTIONAL = ("normals", "display_color", "motion_points", "motion_normals", "widths")
+_NAMED = ("texcoords", "primvars")
 
 
 def read_mesh(
@@ -140,41 +220,97 @@ def read_mesh(
     primvars: Mapping[str, UsdGeom.Primvar],
     wanted: Wanted,
     context: SyncContext,
+    authored: Collection[str] | None = None,
 ) -> MeshData | None:
     """The mesh at the context's time, or None (and a report) where it has no faces.
 
-    primvars: by name, inherited ones included.
+    primvars: by name, inherited ones included. authored: names of the prim's properties with opinions, where
+    they are known.
     """
-    path = mesh.GetPath()
-    get = _reader(mesh.GetPrim(), context)
-    points, face_counts, face_indices = get("points"), get("faceVertexCounts"), get("faceVertexIndices")
-    if not points or not face_counts or not face_indices:
+    prim = mesh.GetPrim()
+    authored = frozenset(prim.GetAuthoredPropertyNames()) if authored is None else authored
+    return read_mesh_prim(prim, prim.GetPath(), authored, primvars, wanted, context)
+
+
+def read_mesh_prim(
+    prim: Usd.Prim,
+    path: Sdf.Path,
+    authored: Collection[str],
+    primvars: Mapping[str, UsdGeom.Primvar],
+    wanted: Wanted,
+    context: SyncContext,
+) -> MeshData | None:
+    """read_mesh() with what is known of the prim."""
+    get = _reader(prim, authored, context)
+    try:
+        return _read_mesh(prim, path, get, authored, primvars, wanted, context)
+    except BadValueError as error:
+        context.reports.error("bad mesh", f"is not rendered: {error}", path)
+        return None
+
+
+def _read_mesh(
+    prim: Usd.Prim,
+    path: Sdf.Path,
+    get: Callable[[str], Any],
+    authored: Collection[str],
+    primvars: Mapping[str, UsdGeom.Primvar],
+    wanted: Wanted,
+    context: SyncContext,
+) -> MeshData | None:
+    """Raises BadValueError where values have types that make no sense."""
+    points = array_of("points", get("points"), np.float32, 3)
+    face_counts = array_of("faceVertexCounts", get("faceVertexCounts"), np.int32)
+    face_indices = array_of("faceVertexIndices", get("faceVertexIndices"), np.int32)
+    if not points.size or not face_counts.size or not face_indices.size:
         context.reports.add("empty mesh", "has no points or no faces, and is not rendered", path)
         return None
     counts = ElementCounts(len(face_counts), len(points), len(face_indices))
     data = MeshData(
         path=str(path),
-        points=_array(points, np.float32),
-        face_vertex_counts=_array(face_counts, np.int32),
-        face_vertex_indices=_array(face_indices, np.int32),
+        points=points,
+        face_vertex_counts=face_counts,
+        face_vertex_indices=face_indices,
         scheme=str(get("subdivisionScheme") or UsdGeom.Tokens.catmullClark),
         left_handed=get("orientation") == UsdGeom.Tokens.leftHanded,
         double_sided=bool(get("doubleSided")),
         display_color=read_color(primvars, counts, path, context) if wanted.color else None,
-        texcoords=read_texcoords(primvars, wanted, counts, path, context),
-        primvars=read_wanted(primvars, wanted, counts, path, context),
+        texcoords=read_texcoords(primvars, wanted, counts, path, context) if wanted.texcoords else {},
+        primvars=read_wanted(primvars, wanted, counts, path, context) if wanted.primvars else {},
         target_edge_length_world=read_edge_length(primvars, path, context),
         shading_rate=read_rates(primvars, context),
     )
     if data.scheme == UsdGeom.Tokens.none:
-        data.normals = _read_normals(mesh, get("normals"), primvars, counts, context)
+        if "normals" in primvars or "normals" in authored:
+            data.normals = read_normals(UsdGeom.Mesh(prim), get("normals"), primvars, counts, context)
     else:
         _read_subdivision(data, get)
-    _read_motion(data, mesh, context)
     if wanted.solidity:
         thin = read_bool(primvars, THIN_WALLED, path, context)
         data.thin_walled = not is_closed(data) if thin is None else thin
+    if context.shutter is not None or may_be_skinned(authored, primvars):
+        read_pose(data, UsdGeom.Mesh(prim), authored, primvars, context)
     return data
+
+
+def read_pose(
+    data: MeshData,
+    prim: UsdGeom.PointBased,
+    authored: Collection[str] | None,
+    primvars: Mapping[str, UsdGeom.Primvar],
+    context: SyncContext,
+) -> None:
+    """Points and normals as they are at the frame's time, where skeletons pose them, and over the shutter.
+
+    authored: names of the prim's properties with opinions, where they are known.
+    """
+    authored = prim.GetPrim().GetAuthoredPropertyNames() if authored is None else authored
+    bound = may_be_skinned(authored, primvars)
+    skin = read_skin(prim.GetPrim(), len(data.points), context) if bound else None
+    if skin is not None:
+        pose_geometry(data, prim, skin, context)
+    elif context.shutter is not None:
+        read_geometry_motion(data, prim, context)
 
 
 def is_closed(data: MeshData) -> bool:
@@ -221,7 +357,7 @@ def _edges_are_even(data: MeshData, corners: npt.NDArray[np.integer[Any]]) -> bo
     return bool(uses.size and (uses % 2 == 0).all())
 
 
-def _read_motion(data: MeshData, mesh: UsdGeom.Mesh, context: SyncContext) -> None:
+def read_geometry_motion(data: MeshData, mesh: UsdGeom.PointBased, context: SyncContext) -> None:
     """Points and normals over the shutter, where they fit those of the frame's time."""
     points = point_motion(mesh.GetPrim(), context)
     if points is None:
@@ -277,14 +413,14 @@ def read_edge_length(primvars: Mapping[str, UsdGeom.Primvar], path: Sdf.Path, co
     return read_number(primvars, TARGET_EDGE_LENGTH, path, context) or 0.0
 
 
-def _reader(prim: Usd.Prim, context: SyncContext) -> Callable[[str], Any]:
+def _reader(prim: Usd.Prim, authored: Collection[str], context: SyncContext) -> Callable[[str], Any]:
     """Reads attributes at the context's time; None, without asking USD, for one that is not authored."""
-    authored = frozenset(prim.GetAuthoredPropertyNames())
-    return lambda name: prim.GetAttribute(name).Get(context.time) if name in authored else None
+    attribute, time = prim.GetAttribute, context.time
+    return lambda name: attribute(name).Get(time) if name in authored else None
 
 
-def _read_normals(
-    mesh: UsdGeom.Mesh,
+def read_normals(
+    mesh: UsdGeom.PointBased,
     value: Any,
     primvars: Mapping[str, UsdGeom.Primvar],
     counts: ElementCounts,
@@ -304,19 +440,24 @@ def _read_subdivision(data: MeshData, get: Callable[[str], Any]) -> None:
     data.interpolate_boundary = str(get("interpolateBoundary") or data.interpolate_boundary)
     data.face_varying = str(get("faceVaryingLinearInterpolation") or data.face_varying)
     data.triangle_subdivision = str(get("triangleSubdivisionRule") or data.triangle_subdivision)
-    data.hole_indices = _array(get("holeIndices"), np.int32)
-    corners, creases = get("cornerIndices"), get("creaseIndices")
-    if corners:
-        data.corner_indices = _array(corners, np.int32)
-        data.corner_sharpnesses = _array(get("cornerSharpnesses"), np.float32)
-    if creases:
-        data.crease_indices = _array(creases, np.int32)
-        data.crease_lengths = _array(get("creaseLengths"), np.int32)
-        data.crease_sharpnesses = _array(get("creaseSharpnesses"), np.float32)
+    data.hole_indices = array_of("holeIndices", get("holeIndices"), np.int32)
+    corners = array_of("cornerIndices", get("cornerIndices"), np.int32)
+    creases = array_of("creaseIndices", get("creaseIndices"), np.int32)
+    if corners.size:
+        data.corner_indices = corners
+        data.corner_sharpnesses = array_of("cornerSharpnesses", get("cornerSharpnesses"), np.float32)
+    if creases.size:
+        data.crease_indices = creases
+        data.crease_lengths = array_of("creaseLengths", get("creaseLengths"), np.int32)
+        data.crease_sharpnesses = array_of("creaseSharpnesses", get("creaseSharpnesses"), np.float32)
 
 
 def _kept(primvar: Primvar | None, kept: Mapping[str, npt.NDArray[np.bool_]]) -> Primvar | None:
     return None if primvar is None else primvar.kept(kept)
+
+
+def _scaled(widths: Primvar | None, scale: float) -> Primvar | None:
+    return None if widths is None else widths._replace(values=(widths.values * scale).astype(np.float32))
 
 
 def _transformed(
@@ -326,8 +467,3 @@ def _transformed(
 ) -> FloatArray:
     moved = vectors.astype(np.float64) @ linear
     return np.ascontiguousarray(moved if translation is None else moved + translation, np.float32)
-
-
-def _array(value: Any, dtype: type) -> npt.NDArray[Any]:
-    """A view of a VtArray."""
-    return np.asarray(value if value is not None else (), dtype=dtype)

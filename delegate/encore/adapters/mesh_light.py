@@ -20,6 +20,9 @@ def read_mesh_light(
 
     prim: with UsdLuxLightAPI. path: of the instance. tint: of its radiance, see read_tint().
     """
+    if data.shape != "faces":
+        context.reports.add(f"light of {data.shape}", f"{data.shape} emit no light", prim.GetPath())
+        return None
     light = make_light(prim, "mesh", to_world, path, Shape({}, mesh_area(data, to_world)), {}, context)
     if light is None:
         return None

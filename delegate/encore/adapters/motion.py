@@ -47,8 +47,8 @@ def stage_shutter(
 
 def _is_animated(stage: Usd.Stage) -> bool:
     """False where no value on the stage can vary; found from its layers, without a look at prims."""
-    layers = stage.GetUsedLayers(True)
-    # Splines are no samples; a stage that has any has a range of frames as well.
+    # Splines are no samples, and layers of value clips may not be open yet: a range of frames tells of them.
+    layers = stage.GetUsedLayers(False)
     return any(layer.HasEndTimeCode() or layer.ListAllTimeSamples() for layer in layers)
 
 
@@ -125,7 +125,7 @@ def point_motion(prim: Usd.Prim, context: SyncContext) -> Points | None:
     Linear between USD's samples; by velocities and accelerations, as USD computes them, where there is one
     sample, or where the topology changes. Where it changes without velocities, that is reported.
     """
-    mesh = UsdGeom.Mesh(prim)
+    mesh = UsdGeom.PointBased(prim)
     if context.shutter is None or not mesh:
         return None
     attribute = mesh.GetPointsAttr()
@@ -153,7 +153,7 @@ def normal_motion(prim: Usd.Prim, context: SyncContext, keys: int) -> Points | N
 
     primvars:normals before normals. None as well where their number changes.
     """
-    mesh = UsdGeom.Mesh(prim)
+    mesh = UsdGeom.PointBased(prim)
     if context.shutter is None or keys < 2:
         return None
     primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")
@@ -201,21 +201,27 @@ def _value_keys(attribute: Usd.Attribute, context: SyncContext) -> Points | None
     return values[:0] if keys is None else np.ascontiguousarray(keys, dtype=np.float32)
 
 
-def _keeps_topology(mesh: UsdGeom.Mesh, context: SyncContext) -> bool:
-    """Whether faces are those of the frame's time while the shutter is open."""
+# What says which points belong together: of meshes, curves and points. Points go by their ids.
+_TOPOLOGY = ("faceVertexCounts", "faceVertexIndices", "curveVertexCounts", "ids")
+
+
+def _keeps_topology(mesh: UsdGeom.PointBased, context: SyncContext) -> bool:
+    """Whether faces, curves or points are those of the frame's time while the shutter is open."""
     assert context.shutter is not None
     opens, closes = context.shutter
-    for attribute in (mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr()):
-        if not attribute.ValueMightBeTimeVarying():
+    for attribute in (mesh.GetPrim().GetAttribute(name) for name in _TOPOLOGY):
+        if not attribute or not attribute.ValueMightBeTimeVarying():
             continue
         now = attribute.Get(context.time)
         times = [opens, closes, *attribute.GetTimeSamplesInInterval(Gf.Interval(opens, closes))]
+        if attribute.GetName() == "ids":  # of the samples that points are on their way to
+            times += [t for at in (opens, closes) for t in attribute.GetBracketingTimeSamples(at)]
         if any(attribute.Get(Usd.TimeCode(t)) != now for t in times):
             return False
     return True
 
 
-def _velocity_keys(mesh: UsdGeom.Mesh, context: SyncContext) -> Points | None:
+def _velocity_keys(mesh: UsdGeom.PointBased, context: SyncContext) -> Points | None:
     assert context.shutter is not None
     opens, closes = context.shutter
     now = mesh.GetPointsAttr().Get(context.time)

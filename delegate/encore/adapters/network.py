@@ -142,7 +142,7 @@ class Network:
             connected, invalid = current.GetConnectedSources()
             if path in seen or (invalid and not connected):
                 what = "is connected in a circle" if path in seen else f"is connected to {invalid[0]}"
-                self.report(
+                self.error(
                     "cyclic network" if path in seen else "broken connection",
                     f"{own.GetAttr().GetPath()} {what}, which gives no value: its own is used",
                 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -116,7 +117,12 @@ def read_primvar(
 
 def width_of(primvar: UsdGeom.Primvar) -> int:
     """Numbers of one element: 1 to 4; 0 for types that are no such numbers."""
-    value = primvar.GetTypeName().scalarType.defaultValue
+    return _width_of_type(primvar.GetTypeName())
+
+
+@functools.cache
+def _width_of_type(type_name: Sdf.ValueTypeName) -> int:
+    value = type_name.scalarType.defaultValue
     if isinstance(value, (bool, int, float)):
         return 1
     dimension = getattr(value, "dimension", 0)
@@ -272,6 +278,18 @@ def read_by_materials(stage: Usd.Stage, time: Usd.TimeCode) -> frozenset[str]:
         for attribute in UsdShade.Utils.GetValueProducingAttributes(varname) if varname else ():
             names.add(str(attribute.Get(time)))
     return frozenset(names)
+
+
+def might_vary(prim: Usd.Prim) -> bool:
+    """Whether any property of a prim may have another value at another time."""
+    return bool(prim) and any(a.ValueMightBeTimeVarying() for a in prim.GetAuthoredAttributes())
+
+
+def inherited_vary(prim: Usd.Prim) -> bool:
+    """Whether any primvar that a prim inherits may have another value at another time."""
+    return any(
+        p.ValueMightBeTimeVarying() for p in UsdGeom.PrimvarsAPI(prim.GetParent()).FindInheritablePrimvars()
+    )
 
 
 def _sizes(found: str, interpolation: str, expected: int) -> str:
