@@ -7,6 +7,7 @@ Parts, each of which can be run alone (--only):
   vertex    the car by reuse and by vertex shading of equal error
   controls  the reuse quality controls on the mirror and the glass ball: cost and error
   bias      the mean of 16 seeds against truth, with its interval
+  instances stages of very many instances: seconds and memory
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import bench_parts
 from bench_measure import SCENES, Scene, load
 from encore import _core
 
-PARTS = ("kernels", "phases", "frames", "vertex", "controls", "bias")
+PARTS = ("kernels", "phases", "frames", "vertex", "controls", "bias", "instances")
 DEFAULT_SCENES = {
     "phases": ("still_life", "mirror_and_glass", "car"),
     "frames": ("still_life", "mirror_and_glass", "car"),
@@ -132,6 +133,20 @@ def print_bias(report: dict[str, Any], scene: str) -> None:
     )
 
 
+def print_instances(report: dict[str, Any]) -> None:
+    print(
+        f"{'':24}{'instances':>10}{'M primitives':>14}{'sync s':>8}{'render s':>10}{'build s':>9}{'MiB':>8}"
+    )
+    for name, row in report.items():
+        mebibytes = (row["peak_bytes"] - row["stage_bytes"]) / (1 << 20)
+        print(
+            f"{name:24}{row['counts']['instances']:10}{row['primitives'] / 1e6:14.1f}{row['sync_s']:8.2f}"
+            f"{row['render_s']:10.2f}{row['time_s']['build']:9.2f}{mebibytes:8.0f}"
+        )
+
+
+# Parts without scenes.
+ALONE = {"kernels": print_kernels, "instances": print_instances}
 PRINTERS = {
     "phases": print_phases,
     "frames": print_frames,
@@ -183,9 +198,9 @@ def main() -> int:
     scenes: dict[str, Scene] = {}
     for part in arguments.only or PARTS:
         print(f"\n{part}")
-        if part == "kernels":
-            report[part] = bench_parts.kernels(arguments)
-            print_kernels(report[part])
+        if part in ALONE:
+            report[part] = getattr(bench_parts, part)(arguments)
+            ALONE[part](report[part])
             save()
             continue
         report[part] = {}

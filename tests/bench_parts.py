@@ -6,6 +6,7 @@ import argparse
 import json
 import statistics
 import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from bench_measure import (
     timed,
 )
 from encore import _core
+from instanced_stages import SCRIPT
 from rendering import ROOT, translate
 
 VERTEX_RATES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
@@ -51,6 +53,19 @@ def kernels(arguments: argparse.Namespace) -> Rows:
     scene = load("still_life", arguments)
     raw = [raw_rays_per_second(scene) for _ in range(max(arguments.runs, 5))]
     return {"rows": rows, "text": text, "embree_m_rays_per_s": statistics.median(raw) * 1e-6}
+
+
+def instances(arguments: argparse.Namespace) -> Rows:
+    """Stages of very many instances, each in a process of its own: what instanced_stages.py measures."""
+    count = "100000" if arguments.quick else "1000000"
+    rows = {"crowd": ["crowd"], "scatter": ["scatter"], "scatter with colours": ["scatter", "--values"]}
+    found = {}
+    for name, options in rows.items():
+        more = ["--count", count] if name != "crowd" else []
+        command = [sys.executable, str(SCRIPT), *options, *more]
+        output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        found[name] = json.loads(output.splitlines()[-1])
+    return found
 
 
 def raw_rays_per_second(scene: Scene, **settings: Any) -> float:
