@@ -53,11 +53,17 @@ inline const CurveStencil* stencilOf(Interpolation interpolation, const CurvePla
   return varying ? &place.varying : nullptr;
 }
 
-// Sum over a stencil of double(values[...]) in order. Exact where one element has all the weight.
+// Sum over a stencil of double(values[...]), taken from the first of them: exact where one element has all the weight,
+// and where all values agree, so that weights which nearly add up to 0 make no derivative of what stands still.
 inline Vec3d curveSum(const CurveStencil& stencil, const std::vector<Vec3f>& values) {
+  const Vec3d first = toDouble(values[stencil.index[0]]);
   Vec3d sum{0, 0, 0};
-  for (uint32_t i = 0; i < stencil.count; ++i) sum += toDouble(values[stencil.index[i]]) * stencil.weight[i];
-  return sum;
+  double weight = stencil.weight[0];
+  for (uint32_t i = 1; i < stencil.count; ++i) {
+    sum += (toDouble(values[stencil.index[i]]) - first) * stencil.weight[i];
+    weight += stencil.weight[i];
+  }
+  return weight > 0.5 ? first + sum : sum;
 }
 
 // A primvar's value at a place; T{} where there are no values at all.

@@ -132,7 +132,7 @@ void CurveDicer::count() {
     for (uint32_t s = 0; s < plan.span.segments; ++s) strips += rates_[plan.span.first_segment + s];
     plan.first_vertex = vertices_, plan.first_triangle = triangles_;
     micropolygons_ += strips * plan.across;
-    vertices_ += uint64_t(plan.rows) * (plan.across + 1);
+    vertices_ += plan.rows * (plan.across + 1);
     triangles_ += 2 * strips * plan.across;
     if (micropolygons_ > max_micropolygons_)
       throw tooManyMicropolygons(mesh_, "more than " + std::to_string(max_micropolygons_), edge_length_,

@@ -34,7 +34,7 @@ class CurveDicer {
   struct Plan {
     CurveSpan span;
     uint32_t across = 1;  // micropolygons around or across
-    uint32_t rows = 0;
+    uint64_t rows = 0;
     uint64_t first_vertex = 0, first_triangle = 0;
   };
   class Emitter;

@@ -10,6 +10,17 @@ void DiceCache::retain(const std::vector<DiceKey>& keys) {
     if (const auto found = entries_.find(key); found != entries_.end()) kept.insert(entries_.extract(found));
   entries_ = std::move(kept);
   diced_ = 0;
+  if (on_retained_) on_retained_(*this);
+}
+
+void DiceCache::dropDisplaced() {
+  std::erase_if(entries_, [](const auto& entry) { return !entry.first.displacement.empty(); });
+}
+
+std::set<const DicedMesh*> DiceCache::meshes() const {
+  std::set<const DicedMesh*> found;
+  for (const auto& [key, entry] : entries_) found.insert(entry.mesh.get());
+  return found;
 }
 
 const DiceCache::Entry* DiceCache::find(const DiceKey& key) const {

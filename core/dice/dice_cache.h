@@ -3,8 +3,10 @@
 
 #include <compare>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -39,12 +41,18 @@ class DiceCache {
   const Entry* find(const DiceKey& key) const;  // null: there is none
   void add(DiceKey key, Entry entry);
 
+  // Called at the end of retain(); empty: nothing is.
+  void onRetained(std::function<void(const DiceCache&)> call) { on_retained_ = std::move(call); }
+  void dropDisplaced();
+  std::set<const DicedMesh*> meshes() const;
+
   size_t size() const { return entries_.size(); }
   uint64_t diced() const { return diced_; }  // meshes that the last scene did not find in it
   void countDiced() { ++diced_; }
 
  private:
   std::map<DiceKey, Entry> entries_;
+  std::function<void(const DiceCache&)> on_retained_;
   uint64_t diced_ = 0;
 };
 

@@ -241,7 +241,7 @@ nb::dict readImages(FilmImages&& images, const ImageNames& names) {
     debug[layerName(names.layers[i])] = l;
   }
   for (size_t i = 0; i < images.aovs.size(); ++i)
-    aovs[names.aovs[i].name.c_str()] = readAov(std::move(images.aovs[i]), height, width);
+    aovs[nb::str(names.aovs[i].name.data(), names.aovs[i].name.size())] = readAov(std::move(images.aovs[i]), height, width);
   if (!images.aovs.empty()) d["aovs"] = aovs;
   if (!images.debug.empty()) d["debug"] = debug;
   return d;

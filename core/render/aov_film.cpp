@@ -3,6 +3,12 @@
 #include <algorithm>
 
 namespace encore {
+namespace {
+
+// Its values are those of the closest sample of each pixel.
+bool isUnfiltered(const Aov& aov) { return aov.kind != Aov::Kind::EyeNormal && aov.kind != Aov::Kind::Primvar; }
+
+}  // namespace
 
 AovFilm::AovFilm(const ShadeContext& context, const CameraRays& camera, Device& device)
     : context_(context), device_(device), values_(context, camera) {}
@@ -16,7 +22,8 @@ void AovFilm::addBatch(std::span<const BlockOrigin> blocks, std::span<const Firs
                        Film& film) {
   const std::vector<Aov>& aovs = context_.settings.aovs;
   const uint32_t per_pixel = context_.settings.samples * context_.settings.samples;
-  const std::vector<uint32_t> closest = values_.closest(first, per_pixel);
+  std::vector<uint32_t> closest;
+  if (std::any_of(aovs.begin(), aovs.end(), isUnfiltered)) closest = values_.closest(first, per_pixel);
   std::vector<float> values(3 * closest.size());
   std::vector<int32_t> ids(closest.size());
   for (size_t i = 0; i < aovs.size(); ++i) switch (aovs[i].kind) {

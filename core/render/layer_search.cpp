@@ -50,7 +50,7 @@ ReuseKernels::Share LayerSearch::sharing() const {
 }
 
 void LayerSearch::buildIndex(Layer layer, LayerShading& shading) {
-  const bool metric = settings_.footprint_reuse == FootprintReuse::Metric;
+  const bool metric = settings_.method == Method::Reuse && settings_.footprint_reuse == FootprintReuse::Metric;
   shading.index.reset();  // before the next one takes memory
   shading.index = kernels_.buildIndex(shading.samples, kindOf(layer), metric ? settings_.footprint_weight : 0.0f);
 }

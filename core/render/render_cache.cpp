@@ -1,10 +1,13 @@
 #include "core/render/render_cache.h"
 
+#include <atomic>
 #include <mutex>
 #include <optional>
+#include <thread>
 
 #include "core/dice/dice_cache.h"
 #include "core/pattern/pattern_cache.h"
+#include "core/scene/error.h"
 #include "core/shade/light_image_cache.h"
 #include "core/trace/trace_cache.h"
 
@@ -23,7 +26,14 @@ struct DeviceParts {
 }  // namespace
 
 struct RenderCache::Impl {
-  mutable std::mutex mutex;
+  std::mutex frame;                      // held by the frame that uses the cache
+  std::atomic<std::thread::id> held_by;  // the thread of that frame
+
+  // What others may ask for at any time, of the frame that ended last.
+  mutable std::mutex published;
+  Counts held_counts, made_counts;
+  std::shared_ptr<Device> last_device;
+
   DiceCache dice;
   TraceCache trace;
   LightImageCache lights;
@@ -31,13 +41,48 @@ struct RenderCache::Impl {
 };
 
 struct RenderCache::Use::Hold {
-  Hold(RenderCache::Impl& impl_, Device& device) : lock(impl_.mutex), impl(impl_) {
-    if (impl.parts && impl.parts->device.get() != &device) impl.parts.reset();
+  Hold(RenderCache::Impl& impl_, Device& device) : lock(lockFrame(impl_)), impl(impl_) {
+    impl.held_by = std::this_thread::get_id();
+    if (impl.parts && impl.parts->device.get() != &device) {
+      impl.parts.reset();
+      impl.dice.dropDisplaced();  // kernels of the other device made them
+    }
     if (!impl.parts) impl.parts.emplace(device);
     kernels.emplace(device, impl.parts->kernels);
+    // Prototypes own their meshes: those of what is gone go before anything new is diced.
+    impl.dice.onRetained([this](const DiceCache& dice) { impl.trace.retainMeshes(dice.meshes()); });
+  }
+  ~Hold() {
+    impl.dice.onRetained({});
+    kernels.reset();
+    const std::lock_guard guard(impl.published);
+    impl.held_counts = countHeld(impl);
+    impl.made_counts = countMade(impl);
+    impl.last_device = impl.parts->device;
+    impl.held_by = std::thread::id();
+  }
+  Hold(const Hold&) = delete;
+  Hold& operator=(const Hold&) = delete;
+
+  static std::unique_lock<std::mutex> lockFrame(RenderCache::Impl& impl) {
+    if (impl.held_by.load() == std::this_thread::get_id())
+      throw Error(ErrorKind::Internal, "a frame cannot be rendered from inside of another that uses the same cache");
+    return std::unique_lock(impl.frame);
+  }
+  static Counts countHeld(const RenderCache::Impl& impl) {
+    return {impl.dice.size(),
+            impl.trace.size(),
+            impl.parts->patterns.programs(),
+            impl.parts->kernels.size(),
+            impl.parts->patterns.textures(),
+            impl.lights.size()};
+  }
+  static Counts countMade(const RenderCache::Impl& impl) {
+    return {impl.dice.diced(),          impl.trace.built(),          impl.parts->patterns.compiled(),
+            impl.parts->kernels.made(), impl.parts->patterns.read(), impl.lights.decoded()};
   }
 
-  const std::lock_guard<std::mutex> lock;
+  const std::unique_lock<std::mutex> lock;
   RenderCache::Impl& impl;
   std::optional<KernelStore::Use> kernels;
 };
@@ -54,28 +99,18 @@ RenderCache::RenderCache() : impl_(std::make_unique<Impl>()) {}
 RenderCache::~RenderCache() = default;
 
 RenderCache::Counts RenderCache::held() const {
-  const std::lock_guard lock(impl_->mutex);
-  Counts counts{impl_->dice.size(), impl_->trace.size(), 0, 0, 0, impl_->lights.size()};
-  if (!impl_->parts) return counts;
-  counts.programs = impl_->parts->patterns.programs();
-  counts.kernels = impl_->parts->kernels.size();
-  counts.textures = impl_->parts->patterns.textures();
-  return counts;
+  const std::lock_guard lock(impl_->published);
+  return impl_->held_counts;
 }
 
 RenderCache::Counts RenderCache::made() const {
-  const std::lock_guard lock(impl_->mutex);
-  Counts counts{impl_->dice.diced(), impl_->trace.built(), 0, 0, 0, impl_->lights.decoded()};
-  if (!impl_->parts) return counts;
-  counts.programs = impl_->parts->patterns.compiled();
-  counts.kernels = impl_->parts->kernels.made();
-  counts.textures = impl_->parts->patterns.read();
-  return counts;
+  const std::lock_guard lock(impl_->published);
+  return impl_->made_counts;
 }
 
 std::shared_ptr<Device> RenderCache::device() const {
-  const std::lock_guard lock(impl_->mutex);
-  return impl_->parts ? impl_->parts->device : nullptr;
+  const std::lock_guard lock(impl_->published);
+  return impl_->last_device;
 }
 
 }  // namespace encore

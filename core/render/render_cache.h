@@ -34,14 +34,16 @@ class RenderCache {
     uint64_t textures = 0;      // of materials, in device memory
     uint64_t light_images = 0;  // of lights
   };
+  // At the end of the last frame that has ended; neither waits for one that is being rendered.
   Counts held() const;
-  Counts made() const;  // anew by the last frame
+  Counts made() const;  // anew by that frame
 
-  // The device of the last frame, which it keeps; null before the first. A frame on another device makes anew what is
+  // The device of that frame, which it keeps; null before the first. A frame on another device makes anew what is
   // of the device.
   std::shared_ptr<Device> device() const;
 
-  // A frame's hold of the cache: frames that ask for the same cache at once come one after the other.
+  // A frame's hold of the cache: frames that ask for the same cache at once come one after the other. Throws
+  // Error(Internal) for one that is asked for from inside of another.
   class Use {
    public:
     Use(RenderCache& cache, Device& device);

@@ -417,9 +417,9 @@ Frame render(Scene& scene, const Settings& settings, Device& device, const Progr
              RenderCache* cache) {
   settings.validate();
   scene.validate();
-  device.resetTimings();
   std::optional<RenderCache::Use> use;
   if (cache) use.emplace(*cache, device);
+  device.resetTimings();
   const Rebased rebased(scene);
   Frame frame;
   const uint32_t threads = inArena(settings, [&] {

@@ -4,8 +4,11 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <set>
 
 namespace encore {
+
+struct DicedMesh;
 
 // Of the last scene that was built with it. Not thread-safe while a scene is built.
 class TraceCache {
@@ -17,6 +20,9 @@ class TraceCache {
 
   size_t size() const;     // prototypes
   uint64_t built() const;  // prototypes that the last scene did not find in it
+
+  // Lets go of all prototypes that are not made of these meshes alone.
+  void retainMeshes(const std::set<const DicedMesh*>& meshes);
 
   struct Impl;
   Impl& impl() { return *impl_; }

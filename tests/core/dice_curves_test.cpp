@@ -434,6 +434,40 @@ TEST(Curves, ThatAreDegenerateAreNumbers) {
   }
 }
 
+// The weights of bspline cancel only up to rounding, which must not become a direction.
+TEST(Curves, WhosePointsAllCoincideCoverNothing) {
+  std::mt19937 random(11);
+  std::uniform_real_distribution<float> place(-3, 3);
+  for (const Basis basis : kBases)
+    for (const Wrap wrap : kWraps)
+      for (int i = 0; i < 20; ++i) {
+        Mesh mesh = curves(basis, wrap, {usualCount(basis, wrap)});
+        const Vec3f there{place(random), place(random), place(random)};
+        for (Vec3f& p : mesh.points.edit()) p = there;
+        EXPECT_EQ(diceMesh(mesh, 0.1f, kNoCap).triangleCount(), 0u) << int(basis) << int(wrap);
+      }
+}
+
+TEST(Curves, ThatRepeatTheirEndsDoNotLeaveTheirTube) {
+  std::mt19937 random(12);
+  std::uniform_real_distribution<float> place(-1, 1);
+  for (int trial = 0; trial < 20; ++trial) {
+    Mesh mesh = curves(Basis::BSpline, Wrap::Nonperiodic, {8}, 0.2f);
+    const Vec3f axis = normalize(Vec3f{place(random), place(random), place(random)});
+    // A straight curve, both ends of which are there four times.
+    for (int i = 0; i < 8; ++i) mesh.points[size_t(i)] = axis * (i < 4 ? 0.1f : 1.1f);
+    const DicedMesh diced = diceMesh(mesh, 0.05f, kNoCap);
+    EXPECT_GT(diced.triangleCount(), 0u);
+    forEachVertex(diced, [&](size_t vertex, size_t) {
+      const Vec3f p = diced.positions[vertex];
+      const float along = dot(p, axis);
+      EXPECT_NEAR(length(p - axis * along), 0.1f, 0.011f);
+      EXPECT_GT(along, 0.1f - 1e-4f);
+      EXPECT_LT(along, 1.1f + 1e-4f);
+    });
+  }
+}
+
 TEST(Curves, ThatAreTooManyEndInAnErrorBeforeTheyAreMade) {
   Mesh mesh = curves(Basis::BSpline, Wrap::Pinned, {8});
   const uint64_t micropolygons = diceMesh(mesh, 0.1f, kNoCap).micropolygons;

@@ -322,11 +322,26 @@ TEST_F(RenderCacheTest, ErrorsAndCancellationLeaveItUsable) {
   EXPECT_EQ(cache.made().meshes, 0u) << "the cancelled frame has left it";
 }
 
+TEST_F(RenderCacheTest, CanBeAskedWhileAFrameIsRendered) {
+  cached();
+  const uint64_t held = cache.held().meshes;
+  bool asked = false;
+  std::string inside;
+  const Progress ask = [&](double, const char*) {
+    asked = cache.made().meshes <= held && cache.held().meshes == held && cache.device() == device;
+    if (inside.empty()) inside = message([&] { cached(); });
+    return true;
+  };
+  render(world.scene, world.settings, *device, ask, {}, &cache);
+  EXPECT_TRUE(asked);
+  EXPECT_NE(inside.find("from inside of another"), std::string::npos) << inside;
+}
+
 TEST_F(RenderCacheTest, AnotherDeviceMakesItsOwn) {
   const Frame first = cached();
   device = Device::create();
   expectSame(cached(), first);
-  EXPECT_EQ(cache.made().meshes, 0u);
+  EXPECT_EQ(cache.made().meshes, 1u);  // the displaced one, which kernels have made
   EXPECT_GT(cache.made().kernels, 0u);
   EXPECT_GE(cache.made().textures, 1u);
   EXPECT_EQ(cache.device(), device);

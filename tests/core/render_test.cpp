@@ -102,6 +102,24 @@ TEST(Render, EverySearchGivesTheSameImages) {
   }
 }
 
+TEST(Render, EveryMethodTakesEveryKindOfFootprint) {
+  const auto vulkan = device();
+  Scene scene = everyLayer();
+  for (const Method method :
+       {Method::Reuse, Method::Reference, Method::Decoupled, Method::DecoupledPixel, Method::Vertex}) {
+    Settings settings = smallFrame();
+    settings.method = method;
+    const Frame first = render(scene, settings, *vulkan);
+    for (const FootprintReuse kind : {FootprintReuse::Metric, FootprintReuse::Octaves}) {
+      settings.footprint_reuse = kind;
+      const Frame other = render(scene, settings, *vulkan);
+      // Only reuse measures by footprints; octaves are parts of keys for all.
+      if (method != Method::Reuse && kind == FootprintReuse::Metric)
+        expectSameImages(first, other, "method " + std::to_string(int(method)) + " ");
+    }
+  }
+}
+
 TEST(Render, TilesTogetherAreTheWholeFrame) {
   const auto vulkan = device();
   Scene scene = everyLayer();
