@@ -47,6 +47,10 @@ class Mesh:
         thin_walled: bool = False,
         motion_points: _Floats | None = None,
         motion_normals: _Floats | None = None,
+        shape: str = "faces",
+        basis: str = "linear",
+        wrap: str = "nonperiodic",
+        widths: _Primvar | None = None,
     ) -> None: ...
 
 class Texture:

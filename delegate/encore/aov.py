@@ -72,7 +72,7 @@ def default_descriptor(name: str) -> AovDescriptor:
         return _FILTERED
     if name in _ASKED:
         return _ASKED[name][0]
-    if name.startswith(PRIMVAR_PREFIX) and name != PRIMVAR_PREFIX:
+    if isinstance(name, str) and name.startswith(PRIMVAR_PREFIX) and name != PRIMVAR_PREFIX:
         return _FILTERED
     known = ", ".join(NAMES)
     raise UsageError("there is no such AOV", f"aovs: {name!r}", f"There are {known}, and primvars:NAME")
@@ -80,30 +80,45 @@ def default_descriptor(name: str) -> AovDescriptor:
 
 def descriptor(binding: AovBinding) -> AovDescriptor:
     """The format and clear value of what a binding asks for. Throws UsageError."""
-    found = default_descriptor(binding.aov_name)
+    name, settings = binding.aov_name, binding.settings
+    found = default_descriptor(name)
     format, clear = found.format, found.clear_value
-    if "components" in binding.settings:
-        count = binding.settings["components"]
-        if not binding.aov_name.startswith(PRIMVAR_PREFIX) or count not in (1, 2, 3, 4):
-            raise UsageError(
-                f"components {count!r} cannot be had",
-                f"aovs: {binding.aov_name!r}",
-                "Only primvars may have 1 to 4",
-            )
+    where, only = f"aovs: {name!r}", "Only components may be asked for: 1 to 4, of primvars"
+    if not isinstance(settings, Mapping) or any(key != "components" for key in settings):
+        raise UsageError(f"{settings!r} cannot be had", where, only)
+    if "components" in settings:
+        count = settings["components"]
+        if not name.startswith(PRIMVAR_PREFIX) or type(count) is not int or not 1 <= count <= 4:
+            raise UsageError(f"components {count!r} cannot be had", where, only)
         format = _PRIMVAR_FORMATS[count - 1]
     if binding.clear_value is not None:
         clear = binding.clear_value
+        if not _fits(clear, format):
+            remedy = "Give a number" + (f", or {format.components} of them" if format.components > 1 else "")
+            raise UsageError(f"clear value {clear!r} does not fit", where, remedy)
     return AovDescriptor(format, found.multi_sampled, clear)
 
 
+def _fits(clear_value: Any, format: Format) -> bool:
+    """Whether a pixel can be it: a number for all components, or one for each."""
+    try:
+        return np.asarray(clear_value, format.dtype).shape in ((), (format.components,))
+    except (TypeError, ValueError, OverflowError):
+        return False
+
+
 def requests(bindings: Sequence[AovBinding]) -> list[dict[str, Any]]:
-    """The setting `aovs` of core for these bindings. Throws UsageError where a name comes twice."""
+    """The setting `aovs` of core for these bindings. Throws UsageError where a name or buffer comes twice."""
     asked: list[dict[str, Any]] = []
+    bound: dict[int, str] = {}
     names = [binding.aov_name for binding in bindings]
     for binding in bindings:
         name = binding.aov_name
         if names.count(name) > 1:
             raise UsageError("it is asked for twice", f"aovs: {name!r}", "Name every AOV once")
+        other = bound.setdefault(id(binding.render_buffer), name)
+        if other != name:
+            raise UsageError(f"{other!r} has the same buffer", f"aovs: {name!r}", "Give each AOV its own")
         if name in _ASKED:
             asked.append({"kind": _ASKED[name][1], "name": name})
         elif name.startswith(PRIMVAR_PREFIX):

@@ -2,58 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 from pxr import Sdf, Usd
 
 from encore.adapters import instance_primvars
 from encore.adapters.camera import CameraData, frame_stage, read_camera
 from encore.adapters.context import Matrix, SyncContext
-from encore.adapters.instance_primvars import InstancePrimvars
-from encore.adapters.instancer import Matrices, product, regular_matrices, report_singular
+from encore.adapters.instancer import product, regular_matrices, report_singular
 from encore.adapters.light import LightData, camera_light
 from encore.adapters.linking import Links
 from encore.adapters.matrix_motion import MatrixKeys, compose, moving_instances
 from encore.adapters.mesh_light import keeps_material, read_tint
 from encore.adapters.primvars import Primvar
-from encore.adapters.shading_rate import RateArray, combine
+from encore.adapters.shading_rate import combine
 from encore.errors import StageError
+from encore.groups import Group, LightPrim, Rprim
 from encore.materials import BoundMaterial
 from encore.parts import Parts
-from encore.population import Group, LightPrim, Placement, Rprim
+from encore.places import Placed, chosen, given_at, materials_of, spread
 from encore.report import Severity
-from encore.rprims import RprimReader, SyncedRprim
+from encore.rprim_cache import SyncedRprim
+from encore.rprims import RprimReader
 from encore.scene_builder import SceneBuilder
 
 if TYPE_CHECKING:
     from encore.render_index import SyncOptions
 
 
-_SMALL = 64  # matrices of a child that is multiplied together with others
-
-
-@dataclass(frozen=True)
-class _Placed:
-    """Where a group is in the world: path, or path[id].
-
-    material: replaces that of all its meshes. rates: per matrix, replace theirs where above 0. motion: (n, k,
-    4, 4) keys over the shutter, where any of the n matrices moves. primvars: per matrix, by name.
-    """
-
-    matrices: Matrices
-    path: str = ""
-    ids: npt.NDArray[np.int64] | None = None
-    material: BoundMaterial | None = None
-    rates: RateArray | None = None
-    motion: MatrixKeys | None = None
-    primvars: InstancePrimvars = field(default_factory=dict)
-
-    def path_of(self, index: int) -> str:
-        return self.path if self.ids is None else f"{self.path}[{self.ids[index]}]"
+_AS_BOUND = (None,)  # no other materials than their own
+_NOTHING_GIVEN: Mapping[str, int] = MappingProxyType({})
 
 
 class Assembly:
@@ -67,7 +49,7 @@ class Assembly:
         self._builder = SceneBuilder(parts.materials, parts.textures, context)
         self._bound: dict[Sdf.Path, BoundMaterial | None] = {}
         self._reader = RprimReader(parts.rprims, parts.materials, self._bound, context)
-        self._placed: dict[int, list[_Placed]] = {}  # by id of the group
+        self._placed: dict[int, list[Placed]] = {}  # by id of the group
         self._shared: dict[Any, int] = {}  # prototypes by SyncedRprim.share_key
         self._links = Links((), context)
         self._mesh_lights: list[tuple[LightData, Usd.Prim]] = []
@@ -75,7 +57,7 @@ class Assembly:
     def assemble(self) -> tuple[Any, CameraData]:
         """The scene, without its camera, and that."""
         self._bind()
-        self._place(self._parts.root, _Placed(np.eye(4)[None]))
+        self._place(self._parts.root, Placed(np.eye(4)[None]))
         self._links = Links(self._light_prims(), self._context)
         for group in self._parts.groups:
             self._sync_rprims(group, self._placed.get(id(group), []))
@@ -109,10 +91,10 @@ class Assembly:
             prims |= {c.bound.GetPath(): c.bound for c in group.children if c.bound}
         return prims
 
-    def _place(self, group: Group, placed: _Placed) -> None:
+    def _place(self, group: Group, placed: Placed) -> None:
         """Notes where a group is in the world, and all that is placed in it."""
         self._placed.setdefault(id(group), []).append(placed)
-        for child, matrices, regular in _spread(group.children, placed.matrices):
+        for child, matrices, regular in spread(group.children, placed.matrices):
             material = placed.material
             if not group.uniform:
                 material = self._bound[child.bound.GetPath()] if child.bound else None
@@ -136,11 +118,11 @@ class Assembly:
                 motion = None if motion is None else motion[regular]
                 primvars = instance_primvars.chosen(primvars, regular)
             if len(matrices):
-                self._place(child.group, _Placed(matrices, path, ids, material, rates, motion, primvars))
+                self._place(child.group, Placed(matrices, path, ids, material, rates, motion, primvars))
 
     # Rprims
 
-    def _sync_rprims(self, group: Group, places: list[_Placed]) -> None:
+    def _sync_rprims(self, group: Group, places: list[Placed]) -> None:
         """Meshes that are placed alone stay in their own space; those placed together share the group's."""
         places = [p for p in places if p.material is None or not p.material.data.cut_out]
         if not places or not group.rprims:
@@ -161,11 +143,11 @@ class Assembly:
         if together:
             self._sync_together(group, together, places)
 
-    def _sync_alone(self, group: Group, rprim: Rprim, places: list[_Placed], only: bool) -> None:
+    def _sync_alone(self, group: Group, rprim: Rprim, places: list[Placed], only: bool) -> None:
         """only: there is nothing else in its group."""
-        at_root = group is self._parts.root
-        overrides = (None,) if at_root else _materials_of(places)
-        given = {} if at_root else _given(places)
+        at_root = group.key is None
+        overrides = _AS_BOUND if at_root else materials_of(places)
+        given = _NOTHING_GIVEN if at_root else given_at(places)
         synced = self._reader.read(rprim, group.key, group.uniform, overrides, given)
         if synced is None:
             return
@@ -175,11 +157,12 @@ class Assembly:
         shared = synced.share_key is not None
         still = rprim.moving is None and rprim.light is None
         if at_root and still and not (shared and any(synced.data.shading_rate)):
-            path = synced.data.path
+            path, link_group = synced.mesh.data.path, -1
             if self._links:
                 self._links.check_instance(path)
+                link_group = self._links.group(path)
             material = synced.material if shared else None
-            self._builder.add_single(path, prototype, synced.matrix(rprim), material, self._links.group(path))
+            self._builder.add_single(path, prototype, synced.matrix(rprim), material, link_group)
             return
         own_rates = None
         if shared and any(synced.data.shading_rate):
@@ -227,10 +210,10 @@ class Assembly:
         own: MatrixKeys = synced.matrix(rprim) @ np.linalg.inv(rprim.matrix) @ keys
         return own
 
-    def _sync_together(self, group: Group, rprims: list[Rprim], places: list[_Placed]) -> None:
+    def _sync_together(self, group: Group, rprims: list[Rprim], places: list[Placed]) -> None:
         meshes = []
-        given, reads = _given(places), frozenset[str]()
-        overrides = _materials_of(places)
+        given, reads = given_at(places), frozenset[str]()
+        overrides = materials_of(places)
         for rprim in rprims:
             synced = self._reader.read(rprim, group.key, group.uniform, overrides, given)
             if synced is None:
@@ -247,7 +230,7 @@ class Assembly:
             for placed in places:
                 self._add_instances(prototype, placed, reads)
 
-    def _add_instances(self, prototype: int, placed: _Placed, reads: Collection[str]) -> None:
+    def _add_instances(self, prototype: int, placed: Placed, reads: Collection[str]) -> None:
         """Places a prototype; what moves apart from what does not. reads: what its materials read."""
         if self._links:
             self._links.check_instance(placed.path)
@@ -256,8 +239,8 @@ class Assembly:
         if motion is not None:
             moves = moving_instances(motion)
             if not moves.all():
-                parts = [(_chosen(placed, ~moves), None)]
-                parts += [(_chosen(placed, moves), motion[moves])] if moves.any() else []
+                parts = [(chosen(placed, ~moves), None)]
+                parts += [(chosen(placed, moves), motion[moves])] if moves.any() else []
         for part, keys in parts:
             self._builder.add_instances(
                 part.path,
@@ -271,7 +254,7 @@ class Assembly:
                 {name: values for name, values in part.primvars.items() if name in reads},
             )
 
-    def _usable_motion(self, placed: _Placed) -> MatrixKeys | None:
+    def _usable_motion(self, placed: Placed) -> MatrixKeys | None:
         """The motion, without that of instances which pass through a singular transform: they stay."""
         if placed.motion is None:
             return None
@@ -362,14 +345,14 @@ class Assembly:
         }
         return replace(data, shape=data.shape | {name: groups for name, groups in links.items() if groups})
 
-    def _add_mesh_lights(self, light: Usd.Prim, prototype: int, synced: SyncedRprim, placed: _Placed) -> None:
+    def _add_mesh_lights(self, light: Usd.Prim, prototype: int, synced: SyncedRprim, placed: Placed) -> None:
         """Places a mesh that emits: each of its instances is a light."""
         tint = read_tint(light, (placed.material or synced.material).data, self._context)
         if not keeps_material(light):
             black = Primvar("constant", np.zeros((1, 3), np.float32), None)
             placed = replace(placed, material=self._parts.materials.fallback(black))
         for i in range(len(placed.matrices)):
-            one = _chosen(placed, np.arange(len(placed.matrices)) == i)
+            one = chosen(placed, np.arange(len(placed.matrices)) == i)
             instance = self._builder.instance_count
             self._add_instances(prototype, one, synced.reads)
             data = self._parts.lights.read_mesh(
@@ -380,51 +363,3 @@ class Assembly:
                 self._mesh_lights.append((replace(data, shape=shape), light))
                 if one.motion is not None:
                     self._report_moving(light)
-
-
-def _chosen(placed: _Placed, which: npt.NDArray[np.bool_]) -> _Placed:
-    """Some of the places."""
-    return replace(
-        placed,
-        matrices=placed.matrices[which],
-        ids=None if placed.ids is None else placed.ids[which],
-        rates=None if placed.rates is None else placed.rates[which],
-        motion=None if placed.motion is None else placed.motion[which],
-        primvars=instance_primvars.chosen(placed.primvars, which),
-    )
-
-
-def _spread(
-    children: Sequence[Placement], outer: Matrices
-) -> Iterator[tuple[Placement, Matrices, npt.NDArray[np.bool_]]]:
-    """The children with their matrices at each of the outer places in turn, and which of those are regular.
-
-    At a single outer place, those of small children are found all at once: there may be very many.
-    """
-    single = len(outer) == 1
-    small = [c for c in children if len(c.matrices) <= _SMALL] if single else []
-    if small:
-        together = product(np.concatenate([c.matrices for c in small]), outer[0])
-        regular = regular_matrices(together)
-    start = 0
-    for child in children:
-        count = len(child.matrices)
-        if single and count <= _SMALL:
-            yield child, together[start : start + count], regular[start : start + count]
-            start += count
-            continue
-        if single:
-            matrices = product(child.matrices, outer[0])
-        else:
-            matrices = (child.matrices[None] @ outer[:, None]).reshape(-1, 4, 4)
-        yield child, matrices, regular_matrices(matrices)
-
-
-def _given(places: list[_Placed]) -> dict[str, int]:
-    """Floats of the primvars that instances give at the places, by name."""
-    return instance_primvars.given_widths(p.primvars for p in places)
-
-
-def _materials_of(places: list[_Placed]) -> tuple[BoundMaterial | None, ...]:
-    """Each once."""
-    return tuple(dict.fromkeys(p.material for p in places))

@@ -35,8 +35,11 @@ def open_exr(
     """
     spec = oiio.ImageSpec(info.width, info.height, len(names), "float")
     spec.channelnames = tuple(names)
-    if any(kind != "float" for kind in pixel_types):
-        spec.channelformats = tuple(_FORMATS[kind] for kind in pixel_types)
+    formats = [_FORMATS[kind] for kind in pixel_types]
+    if len(set(formats)) == 1:  # channelformats that are all the same are ignored
+        spec.set_format(formats[0])
+    else:
+        spec.channelformats = tuple(formats)
     spec.x, spec.y = info.x, info.y
     spec.full_width, spec.full_height = info.full_size or (info.width, info.height)
     spec.attribute("compression", "zip")

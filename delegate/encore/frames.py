@@ -12,6 +12,7 @@ from encore.errors import SettingError, UsageError
 _NUMBER = r"(-?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+))"
 _FRAME_SPEC = re.compile(f"{_NUMBER}(?::{_NUMBER}(?:x{_NUMBER})?)?")
 _MOST_FRAMES = 1_000_000
+_WIDEST = 64  # characters of a frame number
 # usdrecord's, C's and Houdini's.
 _PRODUCT_PLACEHOLDER = re.compile(
     r"(?P<hashes>#+(?:\.#+)?)|%0?(?P<c>[0-9]*)d|\$F(?![A-Za-z])(?P<f>[0-9]?)|<F(?P<angle>[0-9]*)>"
@@ -99,14 +100,19 @@ def times(stage: Usd.Stage, frames: str | None, default_time: bool) -> list[Fram
 def expand_product_name(name: str, time: Usd.TimeCode, where: str) -> str:
     """A productName with its frame number for ####, ###.###, <F4>, $F4, ${F4} and %04d, all of them.
 
-    where: the attribute, for messages. Throws SettingError where the time is no number that fits.
+    where: the attribute, for messages. Throws SettingError where the time is no number that fits, and for
+    widths beyond 64.
     """
 
     def number(match: re.Match[str]) -> str:
-        hashes, width = (
-            match["hashes"],
-            next((match[g] for g in ("c", "f", "angle", "brace") if match[g]), ""),
-        )
+        hashes = match["hashes"] or ""
+        digits = next((match[g] for g in ("c", "f", "angle", "brace") if match[g]), "").lstrip("0")
+        # Python refuses to read very many digits.
+        width = len(hashes) or int(digits[:3] or 1)
+        if width > _WIDEST:
+            raise SettingError(
+                f"its frame placeholder is wider than {_WIDEST} characters", where, "Write <F4> or ####"
+            )
         if time.IsDefault():
             raise SettingError(
                 f"'{name}' has a frame placeholder, and the default time has no number",
@@ -114,14 +120,14 @@ def expand_product_name(name: str, time: Usd.TimeCode, where: str) -> str:
                 "Give --frames",
             )
         value = time.GetValue()
-        decimals = _decimals(hashes) if hashes else 0
+        decimals = _decimals(hashes)
         if not float(round(value, decimals)) == value:
             raise SettingError(
                 f"'{match[0]}' in '{name}' has no place for the decimals of frame {value:g}",
                 where,
                 "Write a placeholder such as ####.##",
             )
-        return f"{value:0{len(hashes) if hashes else int(width or 1)}.{decimals}f}"
+        return f"{value:0{width}.{decimals}f}"
 
     return _PRODUCT_PLACEHOLDER.sub(number, name)
 

@@ -25,7 +25,7 @@ class Rprim:
 
     authored: names of its properties. moving: how it moves in its group. light: the prim (itself, or a
     GeometryLight) by which it emits. source: the path that notices of changes name: of instance proxies,
-    that in the prototype. entry: what encore.rprims knows of it.
+    that in the prototype. entry: what encore.rprim_cache knows.
     """
 
     prim: Usd.Prim

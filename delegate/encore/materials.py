@@ -168,4 +168,4 @@ _ALL = Usd.TraverseInstanceProxies(Usd.PrimIsActive)
 def _constant(primvar: Primvar) -> tuple[float, ...]:
     """The value of a constant primvar."""
     index = primvar.indices[0] if primvar.indices is not None else 0
-    return tuple(float(x) for x in primvar.values[index])
+    return tuple(primvar.values[index].tolist())

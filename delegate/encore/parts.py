@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, UsdShade
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
 from encore.adapters.camera import choose_camera, read_shutter, stage_bounds
 from encore.adapters.context import Matrix, SyncContext
@@ -23,13 +23,13 @@ from encore.groups import Group
 from encore.materials import Materials
 from encore.population import Population
 from encore.report import Log, Reports
-from encore.rprims import RprimCache
+from encore.rprim_cache import RprimCache
 
 if TYPE_CHECKING:
     from encore.render_index import SyncOptions
 
-# What decides the bounds of the stage, by which the automatic camera frames it.
-_BOUNDS = ~(DirtyBits.PARAMS | DirtyBits.RESOURCE | BINDINGS)
+# What decides the bounds of the stage, by which the automatic camera frames it: sizes of lights too.
+_BOUNDS = ~(DirtyBits.RESOURCE | BINDINGS)
 
 
 class _Light:
@@ -299,7 +299,8 @@ class Parts:
 
     def _varies(self, attributes: tuple[Sdf.Path, ...]) -> bool:
         found = (self._stage.GetAttributeAtPath(path) for path in attributes)
-        return any(a and a.ValueMightBeTimeVarying() for a in found)
+        # A primvar varies with its indices as well.
+        return any(a and UsdGeom.Primvar(a).ValueMightBeTimeVarying() for a in found)
 
     # The camera, and what USD says of the stage
 

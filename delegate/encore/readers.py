@@ -61,6 +61,8 @@ class Geometry:
     depends: frozenset[Sdf.Path] = frozenset()
 
 
+_NOTHING: frozenset[Sdf.Path] = frozenset()
+
 # None, and a report, where there is nothing to render.
 Reader = Callable[[Request], Geometry | None]
 
@@ -87,7 +89,7 @@ def _read_points(request: Request) -> Geometry | None:
 
 def _skin(request: Request) -> frozenset[Sdf.Path]:
     bound = may_be_skinned(request.authored.names, request.primvars)
-    return skin_dependencies(request.prim) if bound else frozenset()
+    return skin_dependencies(request.prim) if bound else _NOTHING
 
 
 def _read_implicit(request: Request) -> Geometry | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import operator
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -17,6 +18,17 @@ from encore.errors import MemoryLimitError, UsageError
 Array = npt.NDArray[Any]
 # x0, y0, x1, y1 in pixels; x1 and y1 are not part of it.
 Rectangle = tuple[int, int, int, int]
+
+
+def pixel_window(window: Any) -> Rectangle:
+    """The rectangle that is asked for: four whole numbers of 32 bit. Throws UsageError."""
+    try:
+        x0, y0, x1, y1 = map(operator.index, window)
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"{window!r} is no rectangle", "window", "Give whole (x0, y0, x1, y1)") from error
+    if not (-(2**31) <= x0 < x1 < 2**31 and -(2**31) <= y0 < y1 < 2**31):
+        raise UsageError(f"{window!r} holds no pixels", "window", "Give (x0, y0, x1, y1)")
+    return (x0, y0, x1, y1)
 
 
 class Format(enum.Enum):
@@ -69,9 +81,10 @@ class RenderBuffer:
         MemoryLimitError.
         """
         try:
-            pixels = np.full(format.shape(width, height), clear_value, format.dtype)
-        except MemoryError as error:
+            pixels = np.empty(format.shape(width, height), format.dtype)
+        except (MemoryError, ValueError) as error:  # ValueError: beyond what an address can say
             raise MemoryLimitError(f"{width} x {height} pixels do not fit into memory", self.path) from error
+        pixels[...] = clear_value
         with self._lock:
             if self._mapped:
                 raise UsageError("the buffer is mapped", self.path, "Call unmap() first")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import resource
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from encore.adapters.glsl import SOURCE_TYPE
 from encore.adapters.material import RENDER_CONTEXT
 from encore.aov import AovDescriptor
 from encore.errors import EncoreError, ExitCode, UsageError
-from encore.render_buffer import AovBinding, Rectangle, RenderBuffer
+from encore.render_buffer import AovBinding, Rectangle, RenderBuffer, pixel_window
 from encore.render_pass import ProgressCallback, RenderPass, create_device, load_core, sync
 from encore.render_thread import Job, RenderThread
 from encore.settings import SETTINGS, resolve
@@ -175,9 +175,10 @@ class RenderDelegate:
         """Renders what was committed last into buffers, in the background; they are allocated here.
 
         window: the pixels of the image's plane that are rendered; beyond the image is overscan; None: the
-        image. Throws UsageError for AOVs that do not exist, and where nothing was committed.
+        image. Throws UsageError for AOVs that do not exist, where nothing was committed, and while a frame is
+        being rendered, which goes on.
         """
-        self.render_thread.start(self._job(bindings, window))
+        self.render_thread.start(*self._job(bindings, window))
 
     def execute(
         self,
@@ -189,10 +190,10 @@ class RenderDelegate:
 
         progress: is asked besides; what it cancels throws Cancelled.
         """
-        job = self._job(bindings, window)
+        job, prepare = self._job(bindings, window)
         if progress is None:
-            return self.render_thread.run(job)
-        return self.render_thread.run(lambda own: job(lambda *at: own(*at) and progress(*at)))
+            return self.render_thread.run(job, prepare)
+        return self.render_thread.run(lambda own: job(lambda *at: own(*at) and progress(*at)), prepare)
 
     def release(self) -> None:
         """Ends the frame, and lets go of the device, the cache and the scene."""
@@ -200,27 +201,37 @@ class RenderDelegate:
         self._translation = self._cache = self._device = None
         self._bindings = ()
 
-    def _job(self, bindings: Sequence[AovBinding], window: Rectangle | None) -> Job:
+    def _job(
+        self, bindings: Sequence[AovBinding], window: Rectangle | None
+    ) -> tuple[Job, Callable[[], None]]:
+        """A frame, and what is to be done before it, when none is being rendered. Changes nothing itself."""
         if self._translation is None:
             raise UsageError("there is nothing to render", "start", "Call commit_resources() first")
-        self._bindings, self._window = tuple(bindings), window
-        self._statistics = None
-        translation = self._translation
+        bindings, translation = tuple(bindings), self._translation
         settings = dict(self._settings)
         # Only what is asked for reaches core.
-        if asked := aov.requests(self._bindings):
+        if asked := aov.requests(bindings):
             settings["aovs"] = asked
         if window is not None:
-            settings["window"] = window
+            settings["window"] = window = pixel_window(window)
         x0, y0, x1, y1 = window or (0, 0, translation.width, translation.height)
-        for binding in self._bindings:
-            found = aov.descriptor(binding)
-            binding.render_buffer.allocate(x1 - x0, y1 - y0, found.format, found.clear_value)
-        return lambda progress: self._render(translation, settings, progress)
+        descriptors = [aov.descriptor(binding) for binding in bindings]
 
-    def _render(self, translation: Any, settings: Mapping[str, Any], progress: ProgressCallback) -> None:
-        bindings = self._bindings
+        def prepare() -> None:
+            for binding, found in zip(bindings, descriptors, strict=True):
+                binding.render_buffer.allocate(x1 - x0, y1 - y0, found.format, found.clear_value)
+            self._bindings, self._window = bindings, window
+            self._statistics = None
 
+        return lambda progress: self._render(bindings, translation, settings, progress), prepare
+
+    def _render(
+        self,
+        bindings: Sequence[AovBinding],
+        translation: Any,
+        settings: Mapping[str, Any],
+        progress: ProgressCallback,
+    ) -> None:
         def take(x0: int, y0: int, images: dict[str, Any]) -> None:
             for binding in bindings:
                 binding.render_buffer.add(x0, y0, aov.pixels(binding.aov_name, images))

@@ -7,6 +7,7 @@ they hold are files of one render.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -198,7 +199,7 @@ class _Outputs:
         elif output.endswith("/") or Path(output).is_dir():
             self._folder = Path(output)
         self._frames: list[list[Frame]] = []  # by product, of names that OUTPUT gives
-        self._used: dict[str, tuple[str, str]] = {}  # path → product and frame
+        self._used: dict[str, tuple[str, str]] = {}  # file, however named → product and frame
 
     def path(self, spec: RenderSpec, number: int, index: int, frame: Frame) -> str:
         """The file of a product (its number) at a frame (its index). Throws for a name of no use."""
@@ -208,7 +209,7 @@ class _Outputs:
         else:
             name = self._given(spec)[number][index].output
             check_format(name)
-        other = self._used.setdefault(str(Path(name)), (product.path, frame.label))
+        other = self._used.setdefault(os.path.realpath(name), (product.path, frame.label))
         if other != (product.path, frame.label):
             where = f"{product.path}.productName" if self._folder is not None else "OUTPUT"
             same = (
@@ -312,6 +313,8 @@ def _render(
     source: Mapping[str, str],
 ) -> Render:
     path = product.path or spec.path
+    if product.camera_fault is not None and not options.camera:
+        raise product.camera_fault
     settings = settled_settings(options, product.encore, path)
     width, height = _size(product.resolution, options.settings)
     settings |= {"width": width, "height": height}

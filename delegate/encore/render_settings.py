@@ -53,11 +53,13 @@ class Product:
     """An image, with what its settings say and it does not say itself.
 
     path: empty where the settings have no products and ask for an image of their own. window_ndc: xmin, ymin,
-    xmax, ymax of the conformed aperture, y up. encore: by key of encore.settings, as authored.
+    xmax, ymax of the conformed aperture, y up. encore: by key of encore.settings, as authored. camera_fault:
+    what to raise where its camera is used, and not another one.
     """
 
     path: str
     camera: str = ""
+    camera_fault: SettingError | None = None
     resolution: tuple[int, int] = (2048, 1080)
     pixel_aspect_ratio: float = 1.0
     conform_policy: str = "expandAperture"
@@ -92,16 +94,15 @@ def find_settings(stage: Usd.Stage, path: str, reports: Reports) -> UsdRender.Se
         return None
     valid = Sdf.Path.IsValidPathString(named) and Sdf.Path(named).IsAbsolutePath()
     prim = stage.GetPrimAtPath(named) if valid else None
-    if prim and prim.IsA(UsdRender.Settings):
+    fault = _fault(prim, UsdRender.Settings, "RenderSettings prim")
+    if not fault:
         return UsdRender.Settings(prim)
     if path:
         known = paths_of(stage, UsdRender.Settings)
-        raise StageError(
-            "is no RenderSettings prim", path, f"Choose one of: {known}" if known else "The stage has none"
-        )
+        raise StageError(fault, path, f"Choose one of: {known}" if known else "The stage has none")
     reports.error(
         "no render settings",
-        f"is no RenderSettings prim, but the stage's renderSettingsPrimPath names it ({named}): flags decide",
+        f"{fault}, but the stage's renderSettingsPrimPath names it ({named}): flags decide",
         named,
     )
     return None
@@ -119,7 +120,7 @@ def read_settings(settings: UsdRender.Settings, time: Usd.TimeCode, reports: Rep
         raise SettingError(
             "none of its products can be rendered",
             f"{prim.GetPath()}.products",
-            "Name RenderProduct prims of productType raster",
+            last_report(reports),
         )
     return RenderSpec(
         str(prim.GetPath()),
@@ -154,14 +155,21 @@ class _Reader:
     def value(self, attribute: Usd.Attribute) -> Any:
         return attribute.Get(self._time) if attribute else None
 
+    def is_authored(self, attribute: Usd.Attribute) -> bool:
+        """Whether it says something at this time: time samples say nothing at the default time."""
+        return bool(attribute) and attribute.GetResolveInfo(self._time).HasAuthoredValue()
+
     def product_prim(self, settings: Usd.Prim) -> Any:
         """Target of `products` → its prim; None, and a report, for what is not rendered."""
 
         def prim_of(target: Sdf.Path) -> Usd.Prim | None:
             prim = settings.GetStage().GetPrimAtPath(target)
-            if not (prim and prim.IsA(UsdRender.Product)):
+            fault = _fault(prim, UsdRender.Product, "RenderProduct")
+            if fault:
                 self._reports.error(
-                    "bad product", f"its product {target} is no RenderProduct: left out", settings.GetPath()
+                    "bad product",
+                    f"{fault}, but {settings.GetPath()} names it as a product: left out",
+                    target,
                 )
                 return None
             kind = self.value(UsdRender.Product(prim).GetProductTypeAttr())
@@ -182,8 +190,9 @@ class _Reader:
         found: dict[str, Any] = {}
 
         def read(key: str, attribute: Usd.Attribute, convert: Any) -> None:
-            if attribute and (attribute.HasAuthoredValue() or not own):
-                found[key] = convert(attribute, self.value(attribute))
+            value = self.value(attribute)
+            if value is not None and (not own or self.is_authored(attribute)):
+                found[key] = convert(attribute, value)
 
         read("resolution", schema.GetResolutionAttr(), _resolution)
         read("pixel_aspect_ratio", schema.GetPixelAspectRatioAttr(), _pixel_aspect_ratio)
@@ -192,25 +201,25 @@ class _Reader:
         read("depth_of_field", schema.GetDisableDepthOfFieldAttr(), _is_off)
         read("motion_blur", schema.GetDisableMotionBlurAttr(), _is_off)
         instantaneous = schema.GetInstantaneousShutterAttr()
-        if instantaneous and instantaneous.HasAuthoredValue() and self.value(instantaneous):
+        if self.is_authored(instantaneous) and self.value(instantaneous):
             found["motion_blur"] = False
-        camera = self._camera(schema)
-        if camera:
-            found["camera"] = camera
+        found |= self._camera(schema)
         found["encore"] = {**base.encore, **self._encore(prim)}
         return replace(base, **found)
 
-    def _camera(self, schema: UsdRender.SettingsBase) -> str:
+    def _camera(self, schema: UsdRender.SettingsBase) -> dict[str, Any]:
+        """`camera` and `camera_fault` of a product, if a camera is named."""
         targets = targets_of(schema.GetCameraRel())
         if not targets:
-            return ""
-        path = schema.GetPrim().GetPath()
-        prim = schema.GetPrim().GetStage().GetPrimAtPath(targets[0])
-        if not (prim and prim.IsA(UsdGeom.Camera)):
-            raise SettingError(f"{targets[0]} is no camera", f"{path}.camera", "Name a Camera prim")
+            return {}
+        camera, path, stage = targets[0], schema.GetPrim().GetPath(), schema.GetPrim().GetStage()
         if len(targets) > 1:
-            self._reports.note("several cameras", f"of its cameras, {targets[0]} is used", path)
-        return str(targets[0])
+            self._reports.note("several cameras", f"of its cameras, {camera} is used", path)
+        fault = _fault(stage.GetPrimAtPath(camera), UsdGeom.Camera, "camera")
+        masked = not stage.GetPopulationMask().Includes(camera.GetPrimPath())
+        remedy = "Add it to --mask" if masked else "Name a Camera prim"
+        error = SettingError(f"{camera} {fault}", f"{path}.camera", remedy) if fault else None
+        return {"camera": str(camera), "camera_fault": error}
 
     def output(self, prim: Usd.Prim, product: Product) -> Product:
         """The product with its name and variables."""
@@ -218,22 +227,27 @@ class _Reader:
         variables = []
         for target in targets_of(schema.GetOrderedVarsRel()):
             var = prim.GetStage().GetPrimAtPath(target)
-            if not (var and var.IsA(UsdRender.Var)):
+            fault = _fault(var, UsdRender.Var, "RenderVar")
+            if fault:
                 self._reports.error(
-                    "bad render var", f"its variable {target} is no RenderVar: left out", prim.GetPath()
+                    "bad render var",
+                    f"{fault}, but {prim.GetPath()} names it as a variable: left out",
+                    target,
                 )
                 continue
             variables.append(self._var(UsdRender.Var(var)))
         if not variables and targets_of(schema.GetOrderedVarsRel()):
             raise SettingError(
-                "none of its variables exists", f"{prim.GetPath()}.orderedVars", "Name RenderVar prims"
+                "none of its variables exists",
+                f"{prim.GetPath()}.orderedVars",
+                last_report(self._reports),
             )
         name = str(self.value(schema.GetProductNameAttr()) or "")
         return replace(product, name=name, vars=tuple(variables))
 
     def _var(self, var: UsdRender.Var) -> RenderVar:
         prim = var.GetPrim()
-        authored = var.GetDataTypeAttr().HasAuthoredValue()
+        authored = self.is_authored(var.GetDataTypeAttr())
         names = (self.value(prim.GetAttribute(name)) for name in _CHANNEL_NAMES)
         return RenderVar(
             str(prim.GetPath()),
@@ -255,7 +269,7 @@ class _Reader:
     def _tokens(self, attribute: Usd.Attribute, known: Mapping[str, str]) -> tuple[str, ...]:
         """The tokens of an attribute as `known` calls them, each once; others are reported."""
         found: dict[str, None] = {}
-        for token in self.value(attribute) or ():
+        for token in _token_list(attribute, self.value(attribute)):
             if token in known:
                 found[known[token]] = None
             else:
@@ -274,6 +288,7 @@ class _Reader:
             name = attribute.GetName()
             if not name.startswith("encore:") or not attribute.HasAuthoredValue():
                 continue
+            value = self.value(attribute)
             setting = STAGE_SETTINGS.get(name)
             if setting is None:
                 close = difflib.get_close_matches(name, STAGE_SETTINGS, 1)
@@ -282,7 +297,8 @@ class _Reader:
                     f"unknown setting {name}", f"{name} is no setting of Encore{hint}", prim.GetPath()
                 )
                 continue
-            found[setting.key] = read_setting(setting, attribute, self.value(attribute))
+            if value is not None:  # nor at the default time, where there are time samples only
+                found[setting.key] = read_setting(setting, attribute, value)
         return found
 
 
@@ -310,10 +326,10 @@ def _bad(attribute: Usd.Attribute, value: Any, remedy: str) -> SettingError:
 
 
 def _resolution(attribute: Usd.Attribute, value: Any) -> tuple[int, int]:
-    try:
-        width, height = (int(n) for n in value)
-    except (TypeError, ValueError):
-        raise _bad(attribute, value, "It must be two whole numbers") from None
+    numbers = _items(value) or []
+    if len(numbers) != 2 or not all(isinstance(n, (int, float)) and float(n).is_integer() for n in numbers):
+        raise _bad(attribute, value, "It must be two whole numbers")
+    width, height = map(int, numbers)
     if not all(1 <= n <= LARGEST_SIDE for n in (width, height)):
         raise _bad(attribute, value, f"Both numbers must be from 1 to {LARGEST_SIDE}")
     return width, height
@@ -343,11 +359,39 @@ def _window_ndc(attribute: Usd.Attribute, value: Any) -> tuple[float, float, flo
     return x0, y0, x1, y1
 
 
+def _items(value: Any) -> list[Any] | None:
+    """The items of an array or a vector; None: it is neither, as strings."""
+    try:
+        return None if isinstance(value, str) else list(value)
+    except TypeError:
+        return None
+
+
+def _token_list(attribute: Usd.Attribute, value: Any) -> list[str]:
+    tokens = [] if value is None else _items(value)
+    if tokens is None or not all(isinstance(token, str) for token in tokens):
+        raise _bad(attribute, value, "It must be a list of tokens")
+    return tokens
+
+
 def _is_off(attribute: Usd.Attribute, value: Any) -> bool:
     """Whether an attribute that disables something does not."""
     if not isinstance(value, (bool, int)):
         raise _bad(attribute, value, "It must be true or false")
     return not value
+
+
+def _fault(prim: Usd.Prim | None, schema: Any, name: str) -> str:
+    """What keeps a prim from being used as one of a schema, called name; empty: nothing."""
+    if not (prim and prim.IsA(schema)):
+        return f"is no {name}"
+    return "" if prim.IsActive() else "is deactivated"
+
+
+def last_report(reports: Reports) -> str:
+    """`/path: message` of what was reported last, for errors where nothing is left: only those are printed."""
+    ((_, message, path, _),) = reports.since(reports.mark - 1)
+    return f"{path}: {message}"
 
 
 def targets_of(relationship: Usd.Relationship) -> list[Sdf.Path]:

@@ -49,15 +49,23 @@ class RenderThread:
         self._active_s = 0.0  # up to _since
         self._since: float | None = None  # None: the clock stands
 
-    def start(self, job: Job) -> None:
-        """Runs a job in the background. Throws UsageError while one runs."""
-        self._begin()
-        # No daemon: the program must not end while core works. It is told to stop then: see _ends().
-        threading.Thread(target=self._run, args=(job,), name="render").start()
+    def start(self, job: Job, prepare: Callable[[], None] | None = None) -> None:
+        """Runs a job in the background. Throws UsageError while one runs.
 
-    def run(self, job: Job) -> bool:
-        """Runs a job here; True when it is complete, False when stop() ended it. Throws what it throws."""
-        self._begin()
+        prepare: is called here, before the job and while no other runs; where it throws, there is no job.
+        """
+        self._begin(prepare)
+        # No daemon: the program must not end while core works. It is told to stop then: see _ends().
+        thread = threading.Thread(target=self._run, args=(job,), name="render")
+        try:
+            thread.start()
+        except Exception as error:  # there can be no more threads
+            self._end(error)
+            raise
+
+    def run(self, job: Job, prepare: Callable[[], None] | None = None) -> bool:
+        """start() here: True when the job is complete, False when stop() ended it. Throws what it throws."""
+        self._begin(prepare)
         self._run(job)
         return self.wait()
 
@@ -127,10 +135,12 @@ class RenderThread:
             running = 0.0 if self._since is None else time.perf_counter() - self._since
             return RenderProgress(self._done, self._stage, self._active_s + running)
 
-    def _begin(self) -> None:
+    def _begin(self, prepare: Callable[[], None] | None) -> None:
         with self._changed:
             if self._running:
                 raise UsageError("a frame is being rendered", "start", "Call stop() or wait() first")
+            if prepare is not None:
+                prepare()
             self._running = True
             self._stop = self._pause = self._converged = False
             self._error = None
@@ -144,6 +154,9 @@ class RenderThread:
             job(self._advance)
         except BaseException as raised:
             error = raised
+        self._end(error)
+
+    def _end(self, error: BaseException | None) -> None:
         with self._changed:
             # What is raised because it was told to stop is no failure.
             stopped = self._stop and isinstance(error, Cancelled)

@@ -12,7 +12,7 @@ from pxr import Sdf
 from encore.channels import Part, Pixels, finite_depth
 from encore.errors import SettingError
 from encore.lpe import EXPRESSIONS, LAYERS, LpeError, layers_of
-from encore.render_settings import Product, RenderVar
+from encore.render_settings import Product, RenderVar, last_report
 from encore.report import Reports
 
 # What (height, width, 3) radiance becomes before it is written.
@@ -177,7 +177,7 @@ def select(product: Product, reports: Reports) -> Selection | None:
         raise SettingError(
             "none of its variables can be rendered",
             f"{product.path}.orderedVars",
-            f"There are: {KNOWN_NAMES}",
+            last_report(reports),
         )
     return Selection(tuple(found))
 
@@ -220,6 +220,9 @@ def _source(var: RenderVar, data_type: _DataType, reports: Reports) -> Source | 
         return _of_lpe(var, data_type, reports)
     if var.source_type == "primvar" or name.startswith("primvars:"):
         primvar = name.removeprefix("primvars:")
+        if not primvar:
+            reports.error("unnamed primvar", f"'{name}' names no primvar: it is left out", var.path)
+            return None
         return Source(
             "aov", data_type.components or 3, aov=Aov("primvar", primvar, data_type.components or 3)
         )

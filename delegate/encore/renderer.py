@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import time as clock
@@ -21,7 +22,7 @@ from encore.image_file import ImageInfo
 from encore.image_header import header
 from encore.record import open_stage
 from encore.record_options import COMPLEXITIES, RecordOptions
-from encore.render_buffer import AovBinding, Array, Rectangle, RenderBuffer
+from encore.render_buffer import AovBinding, Array, Rectangle, RenderBuffer, pixel_window
 from encore.render_delegate import RenderDelegate
 from encore.render_index import RenderIndex, SyncCounts, SyncOptions
 from encore.render_products import Render, plan_first, settled_settings
@@ -287,17 +288,16 @@ class Renderer:
         bindings = [AovBinding(name, buffers[name], settings=asked[name]) for name in asked]
         for binding in bindings:
             descriptor(binding)  # says what is wrong with it
-        if window is not None and not (window[0] < window[2] and window[1] < window[3]):
-            raise UsageError(f"{window} holds no pixels", "window", "Give (x0, y0, x1, y1)")
+        window = None if window is None else pixel_window(window)
+        code = _time_code(time, self.stage)
         primvars = tuple((a["primvar"], a["components"]) for a in requests(bindings) if "primvar" in a)
         self.delegate.stop()
         self._frame = None
-        render, reports = self._plan(time)
+        render, reports = self._plan(code)
         self.delegate.set_render_settings(render.settings)
         options = SyncOptions(**{**render.sync_options(), "aov_primvars": primvars})
         if options != index.options:
             index.options = options
-        code = _time_code(time, self.stage)
         translation = self.delegate.commit_resources(index, code)
         window = window or render.window
         sync_s = clock.perf_counter() - started
@@ -418,9 +418,18 @@ def _known(settings: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _time_code(time: Time, stage: Usd.Stage) -> Usd.TimeCode:
+    """The time code of a frame. Throws UsageError for what is none: NaN would mean the default time."""
     if time is None:
         return Usd.TimeCode(stage.GetStartTimeCode())
-    return time if isinstance(time, Usd.TimeCode) else Usd.TimeCode(time)
+    if isinstance(time, Usd.TimeCode) and time.IsDefault():
+        return time
+    try:
+        finite = math.isfinite(time.GetValue() if isinstance(time, Usd.TimeCode) else time)
+    except (TypeError, OverflowError):
+        finite = False
+    if not finite:
+        raise UsageError(f"{time!r} is no time code", "time", "Give a finite number, a Usd.TimeCode, or None")
+    return time if isinstance(time, Usd.TimeCode) else Usd.TimeCode(float(time))
 
 
 @contextmanager

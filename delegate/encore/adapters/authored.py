@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from pxr import Usd
+from pxr import Usd, UsdGeom
 
 
 class Authored:
     """Names of a prim's properties that have opinions, and what of them is asked most."""
 
-    __slots__ = ("binds_collections", "names", "primvars", "purpose", "transform", "visibility")
+    __slots__ = (
+        "binds_collections",
+        "names",
+        "own_primvars",
+        "primvars",
+        "purpose",
+        "transform",
+        "visibility",
+    )
 
     def __init__(self, names: Iterable[str]) -> None:
         self.names = frozenset(names)
@@ -18,6 +26,11 @@ class Authored:
         self.purpose = "purpose" in self.names
         self.transform = "xformOpOrder" in self.names
         self.primvars = any(n.startswith("primvars:") for n in self.names)
+        # Of what may be primvars, names without the prefix, and whole ones.
+        is_primvar = UsdGeom.Primvar.IsValidPrimvarName
+        self.own_primvars = tuple(
+            (n.removeprefix("primvars:"), n) for n in sorted(self.names) if is_primvar(n)
+        )
         self.binds_collections = any(n.startswith("material:binding:collection") for n in self.names)
 
 

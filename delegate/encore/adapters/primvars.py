@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -101,8 +102,9 @@ def read_primvar(
     if value is None:
         return None
     name = str(primvar.GetPrimvarName())
-    if primvar.GetElementSize() != 1:
-        reject(name, path, context, f"elementSize {primvar.GetElementSize()} is not supported")
+    elements = primvar.GetElementSize()
+    if elements != 1:
+        reject(name, path, context, f"elementSize {elements} is not supported")
         return None
     found = width_of(primvar)
     if found != width:
@@ -183,13 +185,15 @@ def make_primvar(
 ) -> Primvar | None:
     """Checks type and sizes against the topology. None, and a report, where they do not fit."""
     try:
-        values = np.ascontiguousarray(np.asarray(value, dtype=np.float32).reshape(-1, width))
+        values = np.asarray(value, dtype=np.float32, order="C")
+        if values.shape[1:] != (width,):
+            values = values.reshape(-1, width)
     except (TypeError, ValueError):
         reject(name, path, context, f"a value of {width} floats per element is needed")
         return None
     if values.size == 0:
         return None
-    if not np.isfinite(values).all():
+    if not _are_finite(values):
         reject(name, path, context, "it holds infinite or NaN values")
         return None
     expected = counts.of(interpolation)
@@ -209,6 +213,12 @@ def make_primvar(
         context.reports.add(f"long primvar {name}", f"primvar {name} has {found}: the rest is unused", path)
         values = np.ascontiguousarray(values[:expected])
     return Primvar(interpolation, values, None)
+
+
+def _are_finite(values: FloatArray) -> bool:
+    if values.size <= 16:  # constants, of which there are many
+        return all(map(math.isfinite, values.ravel().tolist()))
+    return bool(np.isfinite(values).all())
 
 
 def read_number(
@@ -282,7 +292,8 @@ def read_by_materials(stage: Usd.Stage, time: Usd.TimeCode) -> frozenset[str]:
 
 def might_vary(prim: Usd.Prim) -> bool:
     """Whether any property of a prim may have another value at another time."""
-    return bool(prim) and any(a.ValueMightBeTimeVarying() for a in prim.GetAuthoredAttributes())
+    # All of them: those that only value clips say something about are not authored.
+    return bool(prim) and any(a.ValueMightBeTimeVarying() for a in prim.GetAttributes())
 
 
 def inherited_vary(prim: Usd.Prim) -> bool:

@@ -15,6 +15,7 @@ from encore.adapters.context import SyncContext, to_matrix
 from encore.adapters.skin_dependencies import BLEND_SHAPES, INFLUENCES, inherited_target, outermost_root
 from encore.adapters.skinning import Influences, Relative, Skin
 
+_INFLUENCES = INFLUENCES.removeprefix("primvars:")
 _PROXIES = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
 
 
@@ -48,7 +49,7 @@ class Skeletons:
 
 def may_be_skinned(names: Collection[str], primvars: Collection[str]) -> bool:
     """names: of authored properties of a prim. primvars: of its primvars, inherited ones included."""
-    return INFLUENCES.removeprefix("primvars:") in primvars or BLEND_SHAPES in names
+    return _INFLUENCES in primvars or BLEND_SHAPES in names
 
 
 def read_skin(prim: Usd.Prim, points: int, context: SyncContext) -> Skin | None:

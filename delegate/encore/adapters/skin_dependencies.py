@@ -98,5 +98,8 @@ def skin_dependencies(prim: Usd.Prim) -> frozenset[Sdf.Path]:
     relationship = prim.GetRelationship(BLEND_SHAPES)
     if relationship:
         found |= set(relationship.GetForwardedTargets())
+    # What changes in an instance is told of by the paths of its prototype.
+    for proxy in [p for p in map(stage.GetPrimAtPath, tuple(found)) if p and p.IsInstanceProxy()]:
+        found.add(proxy.GetPrimInPrototype().GetPath())
     found.discard(prim.GetPath())
     return frozenset(found)
