@@ -389,7 +389,7 @@ def _fault(prim: Usd.Prim | None, schema: Any, name: str) -> str:
 
 
 def last_report(reports: Reports) -> str:
-    """`/path: message` of what was reported last, for errors where nothing is left: only those are printed."""
+    """`/path: message` of what was reported last, for errors that come of it: only those are printed."""
     ((_, message, path, _),) = reports.since(reports.mark - 1)
     return f"{path}: {message}"
 

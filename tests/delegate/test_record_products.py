@@ -273,6 +273,11 @@ def test_what_is_wrong_is_said_before_anything_is_rendered(
     )
     record(stage, "--strict", code=ExitCode.STAGE)
     assert "/Render/Vars/Key" in capsys.readouterr().err
+    bad.GetOrderedVarsRel().RemoveTarget("/Render/Vars/z")
+    record(stage, code=ExitCode.SETTING)
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert "bad_exr.orderedVars: none of its variables can be rendered. /Render/Vars/Key: 'C.*<L." in error
+    bad.GetOrderedVarsRel().AddTarget("/Render/Vars/z")
     bad.GetPrim().CreateAttribute("encore:samples", Sdf.ValueTypeNames.Int).Set(0)
     folder = record(stage, code=ExitCode.SETTING)
     assert "Error: /Render/bad_exr.encore:samples: 0 is out of range" in capsys.readouterr().err
@@ -364,6 +369,21 @@ def test_variables_of_first_hits(stage: Usd.Stage) -> None:
     # st.U is 0 at x = -10 and 1 at -1.
     assert found["st.U"][y, left] == pytest.approx((middle + 10) / 9, abs=0.02)
     assert found["A"][y, left] == pytest.approx(1)
+
+
+def test_files_of_one_type_of_numbers(stage: Usd.Stage) -> None:
+    add_card(stage, "/Other", 2, 10, 5)
+    add_product(stage, "ids.exr", ("prim", "primId", RAW, "int"), ("face", "elementId", RAW, "int"))
+    add_product(stage, "half.exr", ("c", "color", RAW, "color3h"), ("a", "alpha", RAW, "half"))
+    add_product(stage, "float.exr", ("f", "color", RAW, "color3f"), ("id", "primId", RAW, "float"))
+    folder = record(stage, "--filter", "box", "--filterRadius", "0.5")
+    ids, half, single = (read(folder / f"{name}.exr")[1] for name in ("ids", "half", "float"))
+    assert {p.dtype for p in ids.values()} == {np.dtype(np.uint32)}
+    assert {p.dtype for p in half.values()} == {np.dtype(np.float16)}
+    assert {p.dtype for p in single.values()} == {np.dtype(np.float32)}
+    expected = single["id"].astype(np.int64).astype(np.uint32)  # -1: the largest
+    assert np.array_equal(ids["prim"], expected) and len(np.unique(expected)) == 3
+    assert all(np.array_equal(half[c], single[c].astype(np.float16)) for c in "RGB") and half["R"].any()
 
 
 def test_primvars_that_no_material_reads(stage: Usd.Stage) -> None:

@@ -1,10 +1,13 @@
 """Render buffers: format, orientation, what is visible when, and the AOVs that are rendered into them."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from encore import aov
-from encore.errors import UsageError
-from encore.render_buffer import AovBinding, Format, RenderBuffer
+from encore.errors import MemoryLimitError, UsageError
+from encore.render_buffer import AovBinding, Format, RenderBuffer, pixel_window
+from pxr import Gf
 
 
 def test_format_decides_type_and_shape() -> None:
@@ -28,6 +31,25 @@ def test_clear_value_may_have_components() -> None:
     buffer = RenderBuffer()
     buffer.allocate(2, 2, Format.FLOAT32_VEC4, (0.1, 0.2, 0.3, 1))
     assert buffer.map()[1, 1] == pytest.approx((0.1, 0.2, 0.3, 1))
+
+
+def test_sizes_that_no_memory_has() -> None:
+    buffer = RenderBuffer("/Buffer")
+    for size in (2**22, 2**32):
+        with pytest.raises(MemoryLimitError, match=r"^/Buffer: .*memory"):
+            buffer.allocate(2**32, size)
+
+
+def test_windows() -> None:
+    found = pixel_window(np.array([-1, 2, 3, 4]))
+    assert found == (-1, 2, 3, 4)
+    assert all(type(edge) is int for edge in found)
+    for wrong in ((0, 0, 3), "abc", "abcd", (0.0, 0.0, 1.0, 1.0), 7, (0, 0, 1, None), (0, 0, 1, 1, 1)):
+        with pytest.raises(UsageError, match=r"^window: .*no rectangle"):
+            pixel_window(wrong)
+    for empty in ((2, 0, 2, 1), (0, 3, 1, 2), (0, 0, 2**31, 1), (-(2**40), 0, 0, 1)):
+        with pytest.raises(UsageError, match=r"^window: .*no pixels"):
+            pixel_window(empty)
 
 
 def test_rectangles_land_where_they_belong_the_top_row_first() -> None:
@@ -107,9 +129,40 @@ def test_wrong_requests() -> None:
             aov.default_descriptor(name)
     with pytest.raises(UsageError, match="twice"):
         aov.requests([binding("P"), binding("P")])
-    for wrong in (binding("primvars:st", components=5), binding("P", components=2)):
-        with pytest.raises(UsageError, match="components"):
-            aov.descriptor(wrong)
+    for name, settings in [
+        *(("primvars:st", {"components": count}) for count in (0, 5, 2.0, True, "2", None, [2])),
+        ("P", {"components": 2}),
+        ("primvars:st", {"component": 2}),
+        ("color", {"foo": 2}),
+        ("color", None),
+    ]:
+        wrong: Any = settings
+        with pytest.raises(UsageError, match=f"^aovs: '{name}': .*cannot be had"):
+            aov.descriptor(AovBinding(name, RenderBuffer(), settings=wrong))
+    number: Any = 5
+    with pytest.raises(UsageError, match="no such AOV"):
+        aov.default_descriptor(number)
+
+
+def test_clear_values_that_no_pixel_can_be() -> None:
+    for name, value in [
+        ("color", (1, 2)),
+        ("color", "blue"),
+        ("color", [[1, 2, 3, 4]]),
+        ("depth", (1, 2)),
+        ("primId", float("nan")),
+        ("primId", 2**40),
+    ]:
+        with pytest.raises(UsageError, match=f"^aovs: '{name}': clear value .*Give a number"):
+            aov.descriptor(AovBinding(name, RenderBuffer(), clear_value=value))
+    for name, fits in (("color", 0.5), ("color", (1, 2, 3, 4)), ("normal", Gf.Vec3f(1)), ("depth", 1)):
+        assert aov.descriptor(AovBinding(name, RenderBuffer(), clear_value=fits)).clear_value == fits
+
+
+def test_every_aov_has_its_own_buffer() -> None:
+    shared = RenderBuffer()
+    with pytest.raises(UsageError, match=r"^aovs: 'depth': 'color' has the same buffer"):
+        aov.requests([AovBinding("color", shared), binding("P"), AovBinding("depth", shared)])
 
 
 def test_a_layer_that_the_scene_cannot_feed_is_black() -> None:

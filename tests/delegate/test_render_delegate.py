@@ -1,5 +1,6 @@
 """The delegate as a host sees it: types, settings and their version, buffers, statistics."""
 
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +13,7 @@ from encore.readers import READERS
 from encore.render_buffer import AovBinding, Format
 from encore.render_delegate import RenderDelegate
 from encore.render_pass import RenderPass
+from encore.render_thread import Job
 from encore.settings import SETTINGS
 
 
@@ -147,6 +149,69 @@ def test_a_frame_in_hydras_order(core: Core) -> None:
     assert core.calls[1][3] is cache
     delegate.release()
     assert delegate.is_stopped
+
+
+@pytest.mark.parametrize("begin", ["start", "execute"])
+def test_a_frame_that_is_refused_leaves_the_one_that_is_rendered(core: Core, begin: str) -> None:
+    delegate = RenderDelegate()
+    index: Any = Index()
+    delegate.commit_resources(index, 1)
+    bindings = [AovBinding("color", delegate.create_render_buffer())]
+    other = [AovBinding("alpha", delegate.create_render_buffer())]
+
+    def progress(done: float, stage: str) -> bool:
+        for again in (bindings, other):
+            with pytest.raises(UsageError, match="being rendered"):
+                getattr(delegate, begin)(again, (1, 0, 3, 1))
+        return True
+
+    assert delegate.execute(bindings, progress=progress)
+    with bindings[0].render_buffer.mapped() as pixels:
+        assert pixels[..., 0].tolist() == [[0, 0, 2, 2]]
+        assert pixels[..., 3].tolist() == [[1, 1, 1, 1]]
+    assert delegate.statistics is not None
+    assert other[0].render_buffer.width == 0, "nothing was allocated"
+    delegate.restart()
+    assert delegate.render_thread.wait()
+    assert other[0].render_buffer.width == 0
+    assert "window" not in core.calls[1][1]
+
+
+def test_a_frame_renders_into_its_own_buffers(core: Core, monkeypatch: pytest.MonkeyPatch) -> None:
+    delegate = RenderDelegate()
+    index: Any = Index()
+    delegate.commit_resources(index, 1)
+    jobs: list[Job] = []
+
+    def start(job: Job, prepare: Callable[[], None]) -> None:
+        prepare()
+        jobs.append(job)
+
+    # Threads that begin late.
+    monkeypatch.setattr(delegate.render_thread, "start", start)
+    buffers = [delegate.create_render_buffer() for _ in range(2)]
+    for buffer in buffers:
+        delegate.start([AovBinding("color", buffer)])
+    jobs[0](lambda *at: True)
+    assert [buffer.is_converged for buffer in buffers] == [True, False]
+
+
+def test_buffers_that_cannot_be_had_are_no_frame(core: Core) -> None:
+    delegate = RenderDelegate()
+    index: Any = Index()
+    delegate.commit_resources(index, 1)
+    color, alpha = (AovBinding(name, delegate.create_render_buffer(name)) for name in ("color", "alpha"))
+    delegate.execute([color])
+    with alpha.render_buffer.mapped(), pytest.raises(UsageError, match="mapped"):
+        delegate.start([alpha])
+    for wrong in ([color, AovBinding("P", alpha.render_buffer, clear_value="x")], [color, alpha, alpha]):
+        with pytest.raises(UsageError, match="aovs"):
+            delegate.start(wrong)
+    with pytest.raises(UsageError, match="window"):
+        delegate.start([color], (0, 0, 0, 1))
+    assert color.render_buffer.is_converged, "it was not cleared"
+    assert delegate.is_stopped
+    assert delegate.execute([alpha])
 
 
 def test_statistics_by_the_names_that_hosts_look_for(core: Core) -> None:

@@ -225,6 +225,37 @@ def test_cameras_of_products(settings: UsdRender.Settings) -> None:
     assert len(plan(settings, "-", camera="/Camera")[0].renders) == 1
 
 
+@pytest.mark.parametrize("target", ["/World", "/Nope", "/Off"])
+def test_a_camera_that_is_none_matters_where_it_is_used(settings: UsdRender.Settings, target: str) -> None:
+    stage = settings.GetPrim().GetStage()
+    UsdGeom.Camera.Define(stage, "/Off").GetPrim().SetActive(False)
+    settings.GetCameraRel().SetTargets([target])
+    products = [add_product(settings, name) for name in "AB"]
+    products[0].CreateCameraRel().SetTargets(["/Camera"])
+    with pytest.raises(
+        SettingError, match=rf"^/Render/Settings\.camera: {target} is .*\. Name a Camera prim$"
+    ):
+        plan(settings, "-")
+    (render,) = plan(settings, "-", camera="/Camera")[0].renders
+    assert render.sync["camera"] == "/Camera"
+    flags = RecordOptions(stage="a.usda", output="", camera="/Camera")
+    assert plan_first(flags, stage, Usd.TimeCode(1), Reports()).sync["camera"] == "/Camera"
+    products[1].CreateCameraRel().SetTargets(["/Camera"])
+    assert [r.sync["camera"] for r in plan(settings, "-")[0].renders] == ["/Camera"]
+    products[1].GetCameraRel().SetTargets([target])
+    with pytest.raises(SettingError, match=rf"^/Render/B\.camera: {target} is"):
+        plan(settings, "-")
+
+
+def test_a_camera_that_the_mask_leaves_out(settings: UsdRender.Settings) -> None:
+    root = settings.GetPrim().GetStage().GetRootLayer()
+    masked = Usd.Stage.OpenMasked(root, Usd.StagePopulationMask(["/Render", "/World"]))
+    left = UsdRender.Settings.Get(masked, settings.GetPath())
+    with pytest.raises(SettingError, match=r"^/Render/Settings\.camera: /Camera is .*\. Add it to --mask$"):
+        plan(left, "a.exr")
+    assert plan(left, "a.exr", camera="/World/Camera")[0].renders[0].sync["camera"] == "/World/Camera"
+
+
 # --- Names -------------------------------------------------------------------------------------------
 
 
@@ -291,6 +322,21 @@ def test_placeholders_that_do_not_fit_the_time() -> None:
         expand_product_name("a.####.exr", Usd.TimeCode.Default(), "/P.productName")
 
 
+@pytest.mark.parametrize("digits", ["65", "2000000000", "9" * 5000])
+@pytest.mark.parametrize("form", ["<F{}>", "${{F{}}}", "%0{}d", "%{}d"])
+def test_placeholders_have_a_largest_width(form: str, digits: str) -> None:
+    with pytest.raises(SettingError, match=r"^/P\.productName: its frame placeholder is wider than 64"):
+        expand_product_name(f"o.{form.format(digits)}.exr", Usd.TimeCode(7), "/P.productName")
+    widest = expand_product_name(f"{form.format('00064')}.exr", Usd.TimeCode(7), "/P.productName")
+    assert widest == f"{'7':0>64}.exr"
+
+
+def test_hashes_have_a_largest_width() -> None:
+    with pytest.raises(SettingError, match="wider than 64"):
+        expand_product_name("#" * 65, Usd.TimeCode(7), "/P.productName")
+    assert len(expand_product_name("#" * 64, Usd.TimeCode(7), "/P.productName")) == 64
+
+
 def test_files_that_would_overwrite_each_other(settings: UsdRender.Settings) -> None:
     product = add_product(settings, "A")
     with pytest.raises(
@@ -306,6 +352,29 @@ def test_files_that_would_overwrite_each_other(settings: UsdRender.Settings) -> 
     product.GetProductNameAttr().Set("a.tif")
     with pytest.raises(SettingError, match=r"'a\.tif' is no image that can be written\. Use \.exr or \.png"):
         plan(settings, "-")
+
+
+@pytest.mark.parametrize("second", ["sub/../p.exr", "{}/p.exr", "link/p.exr"])
+def test_one_file_by_two_names(
+    settings: UsdRender.Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, second: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path)
+    add_product(settings, "A", "p.exr")
+    add_product(settings, "B", second.format(tmp_path))
+    with pytest.raises(
+        SettingError, match=r"/Render/B\.productName: /Render/A and it would both be written to"
+    ):
+        plan(settings, "-")
+
+
+def test_links_of_folders_are_followed(settings: UsdRender.Settings, tmp_path: Path) -> None:
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "a" / "b")
+    add_product(settings, "A", "p.exr")
+    add_product(settings, "B", "link/../p.exr")  # a/p.exr
+    assert len(plan(settings, f"{tmp_path}/")[0].renders[0].files) == 2
 
 
 def test_png_holds_the_first_picture(settings: UsdRender.Settings) -> None:

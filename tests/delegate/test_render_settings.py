@@ -44,6 +44,12 @@ def add_product(settings: UsdRender.Settings, name: str = "Beauty", **attributes
     return product
 
 
+def author(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: Any) -> None:
+    """Gives an attribute of the schema a value of another type, as files can."""
+    spec = prim.GetStage().GetRootLayer().GetPrimAtPath(prim.GetPath())
+    Sdf.AttributeSpec(spec, name, kind).default = value
+
+
 def read(settings: UsdRender.Settings, reports: Reports | None = None) -> RenderSpec:
     return read_settings(settings, TIME, Reports() if reports is None else reports)
 
@@ -229,6 +235,47 @@ def test_bad_settings_name_prim_attribute_and_range(
     assert message in str(caught.value)
 
 
+@pytest.mark.parametrize("size", [(math.inf, 48), (64.7, 48), (math.nan, 48), (64, 48, 1)])
+def test_resolutions_are_two_whole_finite_numbers(
+    settings: UsdRender.Settings, size: tuple[float, ...]
+) -> None:
+    kind = Sdf.ValueTypeNames.Float2 if len(size) == 2 else Sdf.ValueTypeNames.Float3
+    author(settings.GetPrim(), "resolution", kind, kind.type.pythonClass(*size))
+    with pytest.raises(SettingError, match=r"/Render/Settings\.resolution: .* It must be two whole numbers"):
+        read(settings)
+
+
+def test_whole_numbers_may_be_of_another_type(settings: UsdRender.Settings) -> None:
+    author(settings.GetPrim(), "resolution", Sdf.ValueTypeNames.Float2, Gf.Vec2f(64, 48))
+    assert read(settings).products[0].resolution == (64, 48)
+
+
+@pytest.mark.parametrize("name", ["includedPurposes", "materialBindingPurposes"])
+@pytest.mark.parametrize(
+    ("kind", "value", "shown"), [("Int", 1, "1"), ("String", "render", "render"), ("IntArray", [1], r"\[1\]")]
+)
+def test_purposes_are_lists(
+    settings: UsdRender.Settings, name: str, kind: str, value: Any, shown: str
+) -> None:
+    author(settings.GetPrim(), name, getattr(Sdf.ValueTypeNames, kind), value)
+    with pytest.raises(SettingError, match=rf"\.{name}: {shown} .* It must be a list of tokens"):
+        read(settings)
+
+
+def test_time_samples_say_nothing_at_the_default_time(settings: UsdRender.Settings) -> None:
+    settings.CreateResolutionAttr(Gf.Vec2i(100, 50))
+    product = add_product(settings)
+    product.CreateResolutionAttr().Set(Gf.Vec2i(10, 5), 1)
+    product.CreateInstantaneousShutterAttr().Set(True, 1)
+    product.GetPrim().CreateAttribute("encore:samples", Sdf.ValueTypeNames.Int).Set(3, 1)
+    settings.CreatePixelAspectRatioAttr().Block()
+    (still,) = read_settings(settings, Usd.TimeCode.Default(), Reports()).products
+    assert (still.resolution, still.motion_blur, dict(still.encore)) == ((100, 50), True, {})
+    assert still.pixel_aspect_ratio == 1, "a blocked value is none either"
+    (moving,) = read(settings).products
+    assert (moving.resolution, moving.motion_blur, moving.encore) == ((10, 5), False, {"samples": 3})
+
+
 def test_unknown_settings_are_reported_with_what_was_meant(settings: UsdRender.Settings) -> None:
     settings.GetPrim().CreateAttribute("encore:sample", Sdf.ValueTypeNames.Int).Set(3)
     settings.GetPrim().CreateAttribute("other:sample", Sdf.ValueTypeNames.Int).Set(3)
@@ -250,25 +297,50 @@ def test_targets_that_are_something_else(settings: UsdRender.Settings) -> None:
     assert [v.path for v in spec.products[0].vars] == ["/Render/Var"]
     assert {r.kind for r in reports.errors} == {"bad product", "bad render var"}
     product.GetOrderedVarsRel().SetTargets(["/Gone"])
-    with pytest.raises(SettingError, match=r"/Render/Beauty\.orderedVars: none of its variables exists"):
+    with pytest.raises(
+        SettingError,
+        match=r"/Render/Beauty\.orderedVars: none of its variables exists\. /Gone: is no RenderVar",
+    ):
         read(settings)
+
+
+def test_what_is_deactivated_is_not_there(settings: UsdRender.Settings) -> None:
+    stage, product = settings.GetPrim().GetStage(), add_product(settings)
+    off = add_product(settings, "Off").GetPrim()
+    variables = [UsdRender.Var.Define(stage, f"/Render/{name}").GetPrim() for name in ("Var", "OffVar")]
+    product.CreateOrderedVarsRel().SetTargets([var.GetPath() for var in variables])
+    off.SetActive(False)
+    variables[1].SetActive(False)
+    reports = Reports()
+    spec = read(settings, reports)
+    assert [p.path for p in spec.products] == ["/Render/Beauty"]
+    assert [v.path for v in spec.products[0].vars] == ["/Render/Var"]
+    assert [line.partition(",")[0] for line in reports.lines()] == [
+        "Error: /Render/Off: is deactivated",
+        "Error: /Render/OffVar: is deactivated",
+    ]
+    variables[0].SetActive(False)
+    with pytest.raises(SettingError, match=r"none of its variables exists\. /Render/OffVar: is deactivated"):
+        read(settings)
+    product.GetPrim().SetActive(False)
+    with pytest.raises(SettingError, match=r"none of its products .*\. /Render/Off: is deactivated"):
+        read(settings)
+    settings.GetPrim().SetActive(False)
+    with pytest.raises(StageError, match=r"^/Render/Settings: is deactivated"):
+        find_settings(stage, "/Render/Settings", reports)
+    stage.SetMetadata("renderSettingsPrimPath", "/Render/Settings")
+    assert find_settings(stage, "", reports) is None
+    assert reports.lines()[-1].startswith("Error: /Render/Settings: is deactivated")
 
 
 def test_products_of_other_types_are_left_out_by_name(settings: UsdRender.Settings) -> None:
     deep = add_product(settings, "Deep", ProductType="deepRaster")
-    with pytest.raises(SettingError, match=r"/Render/Settings\.products: none of its products"):
+    with pytest.raises(SettingError, match=r"/Render/Settings\.products: none of its products .* deepRaster"):
         read(settings)
     add_product(settings)
     reports = Reports()
     assert [p.path for p in read(settings, reports).products] == ["/Render/Beauty"]
     assert f"{deep.GetPath()}: productType deepRaster is not supported yet" in reports.lines()[0]
-
-
-def test_a_camera_that_is_none(settings: UsdRender.Settings) -> None:
-    product = add_product(settings)
-    product.CreateCameraRel().SetTargets(["/World"])
-    with pytest.raises(SettingError, match=r"/Render/Beauty\.camera: /World is no camera"):
-        read(settings)
 
 
 def test_purposes(settings: UsdRender.Settings) -> None:

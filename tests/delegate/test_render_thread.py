@@ -149,6 +149,49 @@ def test_what_a_job_raises_surfaces_in_wait() -> None:
     assert thread.error is None
 
 
+def test_a_thread_that_cannot_be_had_is_no_job(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(self: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    thread, job = RenderThread(), Job()
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    with pytest.raises(RuntimeError, match="new thread"):
+        thread.start(job)
+    monkeypatch.undo()
+    assert not thread.is_rendering
+    with pytest.raises(RuntimeError, match="new thread"):
+        thread.wait(10)
+    job.allow(3)
+    assert thread.run(job)
+
+
+def test_what_is_to_be_done_before_a_job() -> None:
+    thread, job, prepared = RenderThread(), Job(), [0]
+
+    def prepare() -> None:
+        prepared[0] += 1
+
+    def fail() -> None:
+        raise StageError("broken")
+
+    thread.start(job, prepare)
+    assert prepared == [1]
+    for begin in (thread.start, thread.run):
+        with pytest.raises(UsageError, match="being rendered"):
+            begin(job, prepare)
+    assert prepared == [1], "not while another job runs"
+    job.allow(3)
+    assert thread.wait()
+    for begin in (thread.start, thread.run):
+        with pytest.raises(StageError):
+            begin(job, fail)
+        assert not thread.is_rendering
+    assert job.taken == 3
+    job.allow(3)
+    assert thread.run(job, prepare)
+    assert prepared == [2]
+
+
 def test_a_job_that_gives_up_by_itself_was_not_stopped() -> None:
     thread = RenderThread()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -227,6 +228,8 @@ def test_what_a_source_cannot_be_is_noted(variable: RenderVar, kind: str) -> Non
         (var("Key", "C.*<L.'key'>", source_type="lpe"), "there is a label"),
         (var("Lit", "C<RD>L", source_type="lpe"), "direct: (C<RD>L)|(C[LO])"),
         (var("Odd", "color", source_type="shader"), "sourceType shader"),
+        (var("None", "primvars:", source_type="primvar"), "'primvars:' names no primvar"),
+        (var("Raw", "primvars:"), "'primvars:' names no primvar"),
     ],
 )
 def test_variables_that_do_not_exist_are_left_out_and_reported(variable: RenderVar, message: str) -> None:
@@ -236,8 +239,12 @@ def test_variables_that_do_not_exist_are_left_out_and_reported(variable: RenderV
     (report,) = reports.errors
     assert report.path == variable.path
     assert message in report.message
-    with pytest.raises(SettingError, match=r"/Render/P\.orderedVars: none of its variables can be rendered"):
-        chosen(variable)
+    untyped = replace(variable, data_type="nonsense")  # which is reported first, and is not why
+    with pytest.raises(
+        SettingError, match=r"/Render/P\.orderedVars: none of its .* can be rendered\. "
+    ) as caught:
+        chosen(untyped)
+    assert caught.value.remedy == f"{report.path}: {report.message}"
 
 
 @pytest.mark.parametrize("data_type", ["token", "matrix4d", "float[]", "nonsense"])

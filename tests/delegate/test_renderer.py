@@ -334,6 +334,23 @@ def test_the_stage_may_be_edited_while_a_frame_is_rendered(renderer: Renderer) -
     assert (renderer.render()["color"][:20, :28, 1] > 0).all()
 
 
+def test_what_was_made_can_be_asked_for_while_a_frame_is_paused(renderer: Renderer) -> None:
+    renderer.render()
+    before = renderer.last_made
+    assert before["meshes"] == 1
+    renderer.start()
+    renderer.pause()
+    until(lambda: renderer.delegate.render_thread.is_paused)
+    found: list[Any] = []
+    # In a thread: so that waiting for the frame fails, and does not last for ever.
+    threading.Thread(target=lambda: found.append(renderer.last_made), daemon=True).start()
+    until(lambda: bool(found))
+    assert found == [before], "the paused frame has not ended"
+    renderer.resume()
+    assert renderer.wait() is not None
+    assert renderer.last_made["meshes"] == 0
+
+
 def test_a_new_frame_stops_the_one_before(renderer: Renderer) -> None:
     renderer.start()
     renderer.pause()
@@ -465,10 +482,31 @@ def test_wrong_aovs(renderer: Renderer) -> None:
         renderer.wait()
     with pytest.raises(UsageError, match=r"^window: "):
         renderer.render(window=(4, 4, 4, 8))
+    with pytest.raises(UsageError, match=r"^aovs: 'primvars:st': .*components"):
+        renderer.render(aovs={"primvars:st": {"component": 2}})
     with pytest.raises(UsageError, match="no sequence of names"):
         renderer.render(aovs="color")
     with pytest.raises(UsageError, match="no sequence of names"):
         renderer.render(aovs=())
+
+
+def test_wrong_windows_and_times_leave_the_frame_that_is_rendered(renderer: Renderer) -> None:
+    renderer.start()
+    renderer.pause()
+    wrong: Any
+    for wrong in ((0, 0, 3), "abc", (0.0, 0.0, 8.0, 8.0)):
+        with pytest.raises(UsageError, match=r"^window: "):
+            renderer.render(window=wrong)
+    for wrong in (float("nan"), float("inf"), Usd.TimeCode(float("inf")), "1", 10**400):
+        with pytest.raises(UsageError, match=r"^time: "):
+            renderer.start(wrong)
+    assert renderer.is_rendering
+    renderer.resume()
+    assert renderer.wait() is not None
+    default = renderer.render(Usd.TimeCode.Default(), window=[0, 0, 64, 48])  # type: ignore[arg-type]
+    assert default.time.IsDefault()
+    assert default.window == (0, 0, 64, 48)
+    assert renderer.render(np.float32(2)).time == Usd.TimeCode(2)
 
 
 def test_a_closed_renderer_says_so() -> None:
