@@ -34,7 +34,7 @@ def read_pass(stage: Usd.Stage, path: str, reports: Reports) -> RenderPassInfo:
     """The RenderPass of that path. Raises StageError where there is none, SettingError for a useless one."""
     valid = Sdf.Path.IsValidPathString(path) and Sdf.Path(path).IsAbsolutePath()
     prim = stage.GetPrimAtPath(path) if valid else None
-    if not (prim and prim.IsA(UsdRender.Pass)):
+    if not (prim and prim.IsActive() and prim.IsA(UsdRender.Pass)):
         known = paths_of(stage, UsdRender.Pass)
         raise StageError(
             "is no RenderPass prim", path, f"Choose one of: {known}" if known else "The stage has none"

@@ -205,3 +205,9 @@ def test_passes_of_other_programs(made: UsdRender.Pass) -> None:
         read_pass(stage, PASS, Reports())
     with pytest.raises(StageError, match="Choose one of: /Render/Pass"):
         read_pass(stage, "/Render/Settings", Reports())
+
+
+def test_a_deactivated_pass_is_none(stage: Usd.Stage, made: UsdRender.Pass) -> None:
+    made.GetPrim().SetActive(False)
+    with pytest.raises(StageError, match="is no RenderPass"):
+        read_pass(stage, PASS, Reports())

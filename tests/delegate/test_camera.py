@@ -257,3 +257,11 @@ def test_only_wanted_purposes_are_framed() -> None:
     UsdGeom.Cube.Define(stage, "/World/Huge").CreateSizeAttr(1000.0)
     UsdGeom.Imageable(stage.GetPrimAtPath("/World/Huge")).CreatePurposeAttr("guide")
     assert np.abs(projected(translate(stage))).max() > 0.3
+
+
+def test_a_deactivated_camera_is_none() -> None:
+    stage = Usd.Stage.CreateInMemory()
+    add_square(stage, "/square")
+    UsdGeom.Camera.Define(stage, "/camera").GetPrim().SetActive(False)
+    with pytest.raises(StageError, match="there is no such camera"):
+        translate(stage, camera="/camera")

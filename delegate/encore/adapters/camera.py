@@ -141,7 +141,7 @@ def choose_camera(stage: Usd.Stage, name: str, context: SyncContext) -> Usd.Prim
     """
     if name and Sdf.Path.IsValidPathString(name) and Sdf.Path(name).IsAbsolutePath():
         prim = stage.GetPrimAtPath(name)
-        if prim and prim.IsA(UsdGeom.Camera):
+        if prim and prim.IsActive() and prim.IsA(UsdGeom.Camera):
             return prim
     cameras = [p for p in stage.Traverse() if p.IsA(UsdGeom.Camera)]
     if name:
