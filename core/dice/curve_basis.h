@@ -14,8 +14,8 @@ namespace encore {
 struct CurveStencil {
   static constexpr uint32_t kMost = 6;
   uint32_t count = 0;
-  std::array<uint32_t, kMost> index;
-  std::array<double, kMost> weight;
+  std::array<uint32_t, kMost> index{};
+  std::array<double, kMost> weight{};
 
   void add(uint32_t element, double amount) {
     for (uint32_t i = 0; i < count; ++i)
@@ -56,6 +56,7 @@ inline const CurveStencil* stencilOf(Interpolation interpolation, const CurvePla
 // Sum over a stencil of double(values[...]), taken from the first of them: exact where one element has all the weight,
 // and where all values agree, so that weights which nearly add up to 0 make no derivative of what stands still.
 inline Vec3d curveSum(const CurveStencil& stencil, const std::vector<Vec3f>& values) {
+  if (stencil.count == 0) return {0, 0, 0};  // a second derivative of what is linear
   const Vec3d first = toDouble(values[stencil.index[0]]);
   Vec3d sum{0, 0, 0};
   double weight = stencil.weight[0];

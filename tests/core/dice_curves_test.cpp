@@ -434,6 +434,15 @@ TEST(Curves, ThatAreDegenerateAreNumbers) {
   }
 }
 
+TEST(Curves, HaveNoSecondDerivativeWhereTheyAreLinear) {
+  const Mesh mesh = curves(Basis::Linear, Wrap::Nonperiodic, {3});
+  const CurveSpan span{0, 0, 3, 0, 0, 2};
+  const CurveStencil stencil = pointStencil(mesh, span, 1, 0.5, 2);
+  EXPECT_EQ(stencil.count, 0u);
+  EXPECT_EQ(length(curveSum(stencil, mesh.points)), 0);
+  EXPECT_EQ(length(curveSum(stencil, {})), 0);
+}
+
 // The weights of bspline cancel only up to rounding, which must not become a direction.
 TEST(Curves, WhosePointsAllCoincideCoverNothing) {
   std::mt19937 random(11);
