@@ -35,12 +35,13 @@ nb::dict readInfo(const DeviceInfo& info) {
 
 // Reads the value of one settings key into the field. Throws Error(Setting).
 template <class T>
-requires std::is_enum_v<T>
+  requires std::is_enum_v<T>
 void convert(const std::string& key, nb::handle value, T& field) {
   field = fromName(namesOf(field), nb::cast<std::string>(nb::str(value)), key, ErrorKind::Setting);
 }
 template <class T>
-requires(!std::is_enum_v<T>) void convert(const std::string& key, nb::handle value, T& field) {
+  requires(!std::is_enum_v<T>)
+void convert(const std::string& key, nb::handle value, T& field) {
   bool valid = true;
   if constexpr (std::is_same_v<T, bool>)
     valid = PyBool_Check(value.ptr());
@@ -368,10 +369,7 @@ void bindRender(nb::module_& module) {
       },
       "Dictionaries that describe the Vulkan devices of this machine, in the order of their indices.");
   module.def(
-      "create_device",
-      [](const std::string& select, bool validation) {
-        return Device::create({select, validation});
-      },
+      "create_device", [](const std::string& select, bool validation) { return Device::create({select, validation}); },
       nb::arg("select") = "", nb::arg("validation") = false,
       "A device by name (part of it) or index; '': $ENCORE_DEVICE, else the best. Raises Error (kind 'device').");
   module.def(
