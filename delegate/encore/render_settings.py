@@ -10,7 +10,7 @@ import difflib
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from pxr import Sdf, Usd, UsdGeom, UsdRender
 
@@ -145,6 +145,19 @@ def data_window(
     return left, height - top, right, height - bottom
 
 
+class _Role(NamedTuple):
+    """What a relationship wants of its targets. name: in messages. report: kind of the report of others."""
+
+    schema: Any
+    type_name: str
+    name: str
+    report: str
+
+
+_PRODUCT = _Role(UsdRender.Product, "RenderProduct", "product", "bad product")
+_VARIABLE = _Role(UsdRender.Var, "RenderVar", "variable", "bad render var")
+
+
 class _Reader:
     """Reads prims at a time. Values that have no meaning raise SettingError."""
 
@@ -163,14 +176,8 @@ class _Reader:
         """Target of `products` → its prim; None, and a report, for what is not rendered."""
 
         def prim_of(target: Sdf.Path) -> Usd.Prim | None:
-            prim = settings.GetStage().GetPrimAtPath(target)
-            fault = _fault(prim, UsdRender.Product, "RenderProduct")
-            if fault:
-                self._reports.error(
-                    "bad product",
-                    f"{fault}, but {settings.GetPath()} names it as a product: left out",
-                    target,
-                )
+            prim = self._named(settings, target, _PRODUCT)
+            if prim is None:
                 return None
             kind = self.value(UsdRender.Product(prim).GetProductTypeAttr())
             if kind != UsdRender.Tokens.raster:
@@ -183,6 +190,16 @@ class _Reader:
             return prim
 
         return prim_of
+
+    def _named(self, owner: Usd.Prim, target: Sdf.Path, role: _Role) -> Usd.Prim | None:
+        """The prim that a relationship of `owner` names; None, and a report, where it is none of the role."""
+        prim = owner.GetStage().GetPrimAtPath(target)
+        fault = _fault(prim, role.schema, role.type_name)
+        if fault:
+            found = f"{fault}, but {owner.GetPath()} names it as a {role.name}: left out"
+            self._reports.error(role.report, found, target)
+            return None
+        return prim
 
     def base(self, prim: Usd.Prim, base: Product, *, own: bool) -> Product:
         """`base`, changed by the prim's RenderSettingsBase attributes. own: only by those it authors."""
@@ -226,16 +243,9 @@ class _Reader:
         schema = UsdRender.Product(prim)
         variables = []
         for target in targets_of(schema.GetOrderedVarsRel()):
-            var = prim.GetStage().GetPrimAtPath(target)
-            fault = _fault(var, UsdRender.Var, "RenderVar")
-            if fault:
-                self._reports.error(
-                    "bad render var",
-                    f"{fault}, but {prim.GetPath()} names it as a variable: left out",
-                    target,
-                )
-                continue
-            variables.append(self._var(UsdRender.Var(var)))
+            var = self._named(prim, target, _VARIABLE)
+            if var is not None:
+                variables.append(self._var(UsdRender.Var(var)))
         if not variables and targets_of(schema.GetOrderedVarsRel()):
             raise SettingError(
                 "none of its variables exists",

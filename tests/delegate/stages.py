@@ -71,6 +71,27 @@ def bind(prim: Any, material: UsdShade.Material, strength: str = UsdShade.Tokens
     UsdShade.MaterialBindingAPI.Apply(prim.GetPrim()).Bind(material, strength)
 
 
+def add_instance(stage: Usd.Stage, path: str, source: str = "/Asset") -> Usd.Prim:
+    """An Xform that shares what is below `source` with all others that do."""
+    prim = UsdGeom.Xform.Define(stage, path).GetPrim()
+    prim.GetReferences().AddInternalReference(source)
+    prim.SetInstanceable(True)
+    return prim
+
+
+def add_chain(stage: Usd.Stage, depth: int) -> str:
+    """A chain of so many Xforms below /World; the path of the last one."""
+    path = "/World" + "/X" * depth
+    layer = stage.GetRootLayer()
+    with Sdf.ChangeBlock():
+        Sdf.CreatePrimInLayer(layer, path)
+        prim = layer.GetPrimAtPath(path)
+        while prim.path != Sdf.Path("/World"):
+            prim.specifier, prim.typeName = Sdf.SpecifierDef, "Xform"
+            prim = prim.nameParent
+    return path
+
+
 def add_point_instancer(
     stage: Usd.Stage, path: str, prototypes: list[str], indices: list[int]
 ) -> UsdGeom.PointInstancer:

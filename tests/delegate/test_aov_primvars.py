@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from encore.render_index import RenderIndex, SyncOptions, Translation
 from pxr import Sdf, Usd, UsdGeom, Vt
-from stages import add_material, add_point_instancer, add_square, bind, meshes, translate
+from stages import add_instance, add_material, add_point_instancer, add_square, bind, meshes, translate
 
 WEAR = (("wear", 1),)
 
@@ -68,9 +68,7 @@ def test_implicit_shapes_that_differ_in_it_do_not_share(stage: Usd.Stage) -> Non
 def test_inherited_ones_tell_instances_apart(stage: Usd.Stage) -> None:
     UsdGeom.Cube.Define(stage, "/Prototype/Cube")
     for name, value in (("A", 1.0), ("B", 2.0)):
-        prim = UsdGeom.Xform.Define(stage, f"/World/{name}").GetPrim()
-        prim.GetReferences().AddInternalReference("/Prototype")
-        prim.SetInstanceable(True)
+        prim = add_instance(stage, f"/World/{name}", "/Prototype")
         UsdGeom.PrimvarsAPI(prim).CreatePrimvar("wear", Sdf.ValueTypeNames.Float, "constant").Set(value)
     scene = translate(stage, aov_primvars=WEAR).scene
     shown = set()

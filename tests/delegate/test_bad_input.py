@@ -13,6 +13,8 @@ from encore.render_index import Translation
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade, Vt
 from stages import (
     SQUARE,
+    add_chain,
+    add_instance,
     add_material,
     add_point_instancer,
     add_square,
@@ -136,9 +138,7 @@ def test_instance_proxies_cannot_be_overridden(stage: Usd.Stage) -> None:
     """Opinions below an instance are no part of what USD composes."""
     add_square(stage, "/Asset/Mesh")
     stage.GetPrimAtPath("/Asset").SetSpecifier(Sdf.SpecifierClass)
-    prim = stage.DefinePrim("/World/Instance", "Xform")
-    prim.GetReferences().AddInternalReference("/Asset")
-    prim.SetInstanceable(True)
+    add_instance(stage, "/World/Instance")
     spec = Sdf.CreatePrimInLayer(stage.GetRootLayer(), "/World/Instance/Mesh")
     spec.specifier = Sdf.SpecifierOver
     Sdf.AttributeSpec(spec, "doubleSided", Sdf.ValueTypeNames.Bool).default = True
@@ -389,9 +389,7 @@ def test_an_instance_with_a_singular_transform(stage: Usd.Stage) -> None:
     add_square(stage, "/Asset/Mesh")
     stage.GetPrimAtPath("/Asset").SetSpecifier(Sdf.SpecifierClass)
     for name, scale in (("A", 1), ("B", 0)):
-        prim = stage.DefinePrim(f"/World/{name}", "Xform")
-        prim.GetReferences().AddInternalReference("/Asset")
-        prim.SetInstanceable(True)
+        prim = add_instance(stage, f"/World/{name}")
         UsdGeom.Xformable(prim).AddScaleOp().Set((scale, 1, 1))
     assert_reported(stage, "singular transform", "/World/B", "/World/A", broken=False)
 
@@ -414,9 +412,7 @@ def test_instances_of_nothing(stage: Usd.Stage) -> None:
     UsdGeom.Xform.Define(stage, f"{BAD}/Empty")
     add_point_instancer(stage, BAD, [f"{BAD}/Empty"], [0, 0])
     stage.DefinePrim("/Asset", "Xform").SetSpecifier(Sdf.SpecifierClass)
-    instance = stage.DefinePrim("/World/Instance", "Xform")
-    instance.GetReferences().AddInternalReference("/Asset")
-    instance.SetInstanceable(True)
+    add_instance(stage, "/World/Instance")
     add_square(stage, "/World/NoArcs/Mesh")
     stage.GetPrimAtPath("/World/NoArcs").SetInstanceable(True)
     assert sorted(instances(translate(stage, strict=True))) == [GOOD, "/World/NoArcs/Mesh"]
@@ -506,21 +502,8 @@ def test_names_in_all_scripts(stage: Usd.Stage, tmp_path: Path, capsys: pytest.C
     assert "instance /World/正方形" in capsys.readouterr().out
 
 
-def deep(stage: Usd.Stage, depth: int) -> str:
-    """A chain of Xforms below /World; its last path."""
-    path = "/World" + "/X" * depth
-    layer = stage.GetRootLayer()
-    with Sdf.ChangeBlock():
-        Sdf.CreatePrimInLayer(layer, path)
-        prim = layer.GetPrimAtPath(path)
-        while prim.path != Sdf.Path("/World"):
-            prim.specifier, prim.typeName = Sdf.SpecifierDef, "Xform"
-            prim = prim.nameParent
-    return path
-
-
 def test_a_namespace_of_10000_levels(stage: Usd.Stage) -> None:
-    path = deep(stage, 10000)
+    path = add_chain(stage, 10000)
     mesh = add_square(stage, f"{path}/Mesh")
     mesh.AddTranslateOp().Set((1, 2, 3))
     UsdGeom.Xformable(stage.GetPrimAtPath("/World/X")).AddTranslateOp().Set((1, 1, 1))

@@ -10,6 +10,7 @@ from encore.dump import dump
 from encore.render_index import Translation
 from pxr import Sdf, Usd, UsdGeom, UsdShade, Vt
 from stages import (
+    add_instance,
     add_material,
     add_point_instancer,
     add_square,
@@ -293,13 +294,6 @@ def add_asset(stage: Usd.Stage) -> None:
     stage.CreateClassPrim("/Asset")
     add_square(stage, "/Asset/A")
     set_color(add_square(stage, "/Asset/Own"), [BLUE])
-
-
-def add_instance(stage: Usd.Stage, path: str, source: str = "/Asset") -> Usd.Prim:
-    prim = UsdGeom.Xform.Define(stage, path).GetPrim()
-    prim.GetReferences().AddInternalReference(source)
-    prim.SetInstanceable(True)
-    return prim
 
 
 def test_instances_that_differ_in_color_share_a_prototype(stage: Usd.Stage) -> None:

@@ -9,7 +9,7 @@ import pytest
 from encore.dump import dump
 from encore.render_index import RenderIndex, SyncOptions
 from pxr import Sdf, Usd, UsdGeom, UsdShade, Vt
-from stages import add_material, add_point_instancer, add_square, bind, connect_reader, surface
+from stages import add_instance, add_material, add_point_instancer, add_square, bind, connect_reader, surface
 
 Types = Sdf.ValueTypeNames
 
@@ -33,9 +33,7 @@ def build(stage: Usd.Stage) -> None:
     stage.CreateClassPrim("/Asset")
     add_square(stage, "/Asset/Square")
     for i in range(3):
-        prim = UsdGeom.Xform.Define(stage, f"/World/I{i}").GetPrim()
-        prim.GetReferences().AddInternalReference("/Asset")
-        prim.SetInstanceable(True)
+        add_instance(stage, f"/World/I{i}")
         primvar(stage, f"/World/I{i}", "displayColor", Types.Color3fArray, "constant", [(i / 3, 0, 1)])
         primvar(stage, f"/World/I{i}", "wear", Types.Float, "constant", float(i))
         primvar(stage, f"/World/I{i}", "tint", Types.Float, "constant", float(10 * i))

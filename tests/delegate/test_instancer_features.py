@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 from stages import (
+    add_instance,
     add_point_instancer,
     add_square,
     expected_points,
@@ -68,9 +69,7 @@ def test_visibility_of_native_instances_over_time(stage: Usd.Stage) -> None:
     stage.CreateClassPrim("/Asset")
     add_square(stage, "/Asset/Square")
     for i in range(3):
-        prim = UsdGeom.Xform.Define(stage, f"/World/Group{i % 2}/I{i}").GetPrim()
-        prim.GetReferences().AddInternalReference("/Asset")
-        prim.SetInstanceable(True)
+        add_instance(stage, f"/World/Group{i % 2}/I{i}")
     visibility = UsdGeom.Imageable(stage.GetPrimAtPath("/World/Group0/I0")).CreateVisibilityAttr()
     visibility.Set("invisible", 1)
     visibility.Set("inherited", 2)
@@ -221,9 +220,7 @@ def test_instanceable_prototypes_share_what_native_instances_show(stage: Usd.Sta
     add_square(stage, "/Asset/A")
     add_square(stage, "/Asset/B").AddTranslateOp().Set((0, 2, 0))
     for path in ("/World/PI/Protos/I", "/World/PI/Protos/J", "/World/Free"):
-        prim = UsdGeom.Xform.Define(stage, path).GetPrim()
-        prim.GetReferences().AddInternalReference("/Asset")
-        prim.SetInstanceable(True)
+        add_instance(stage, path)
     add_point_instancer(stage, "/World/PI", ["/World/PI/Protos/I", "/World/PI/Protos/J"], [0, 1, 0])
     translation = translate(stage)
     assert translation.counts["prototypes"] == 1 and translation.counts["meshes"] == 2

@@ -5,8 +5,17 @@ from typing import Any
 import pytest
 from encore.adapters import linking
 from encore.render_index import Translation
-from pxr import Sdf, Usd, UsdGeom, UsdLux
-from stages import add_point_instancer, add_square, instances, kinds, lights, new_stage, translate
+from pxr import Sdf, Usd, UsdLux
+from stages import (
+    add_instance,
+    add_point_instancer,
+    add_square,
+    instances,
+    kinds,
+    lights,
+    new_stage,
+    translate,
+)
 
 
 @pytest.fixture
@@ -116,9 +125,7 @@ def test_native_instances_by_their_own_paths(stage: Usd.Stage) -> None:
     add_square(stage, "/Asset/Mesh")
     UsdLux.SphereLight.Define(stage, "/Asset/Lamp")
     for name in ("I", "J"):
-        prim = UsdGeom.Xform.Define(stage, f"/World/{name}").GetPrim()
-        prim.GetReferences().AddInternalReference("/Asset")
-        prim.SetInstanceable(True)
+        add_instance(stage, f"/World/{name}")
     include(collection(stage, "Key"), "/World/I")
     translation = translate(stage)
     assert linked(translation, "Key") == {"/World/I"}
@@ -135,9 +142,7 @@ def test_lights_of_instances_may_be_linked_to_what_is_in_their_asset(stage: Usd.
     lamp = UsdLux.SphereLight.Define(stage, "/Asset/Lamp").GetPrim()
     include(Usd.CollectionAPI(lamp, "lightLink"), "/Asset")
     for name in ("I", "J"):
-        prim = UsdGeom.Xform.Define(stage, f"/World/{name}").GetPrim()
-        prim.GetReferences().AddInternalReference("/Asset")
-        prim.SetInstanceable(True)
+        add_instance(stage, f"/World/{name}")
     translation = translate(stage)
     assert linked(translation, "I/Lamp") == {"/World/I"}
     assert linked(translation, "J/Lamp") == {"/World/J"}

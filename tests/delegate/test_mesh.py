@@ -13,6 +13,7 @@ from encore.report import Reports
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 from stages import (
     SQUARE,
+    add_chain,
     add_material,
     add_square,
     add_strip,
@@ -607,14 +608,7 @@ def test_an_empty_mesh_is_reported(stage: Usd.Stage) -> None:
 
 
 def test_a_deep_namespace(stage: Usd.Stage) -> None:
-    path = "/World" + "/X" * 5000
-    layer = stage.GetRootLayer()
-    with Sdf.ChangeBlock():
-        Sdf.CreatePrimInLayer(layer, path)
-        prim = layer.GetPrimAtPath(path)
-        while prim.path != Sdf.Path("/World"):
-            prim.specifier, prim.typeName = Sdf.SpecifierDef, "Xform"
-            prim = prim.nameParent
+    path = add_chain(stage, 5000)
     mesh = add_square(stage, f"{path}/Mesh")
     mesh.AddTranslateOp().Set(Gf.Vec3d(1, 2, 3))
     assert instances(translate(stage))[f"{path}/Mesh"]["to_world"][3, :3].tolist() == [1, 2, 3]

@@ -10,7 +10,17 @@ from encore.adapters.matrix_motion import blend, compose
 from encore.adapters.motion import MOST_KEYS, TOLERANCE, interpolate, resample, uniform
 from encore.render_index import Translation
 from pxr import Gf, Usd, UsdGeom, UsdLux, Vt
-from stages import add_point_instancer, add_square, instances, kinds, lights, meshes, new_stage, translate
+from stages import (
+    add_instance,
+    add_point_instancer,
+    add_square,
+    instances,
+    kinds,
+    lights,
+    meshes,
+    new_stage,
+    translate,
+)
 
 OPEN, CLOSE = -0.25, 0.5
 SHUTTER = np.array([OPEN, CLOSE])
@@ -238,9 +248,7 @@ def test_native_instances_below_moving_parents(stage: Usd.Stage) -> None:
     drive.Set((0, 0, 0), 9)
     drive.Set((8, 0, 0), 11)
     for parent in ("/World/Rig", "/World"):
-        car = UsdGeom.Xform.Define(stage, f"{parent}/Car").GetPrim()
-        car.GetReferences().AddInternalReference("/Asset")
-        car.SetInstanceable(True)
+        add_instance(stage, f"{parent}/Car")
     translation = at(stage)
     found = instances(translation)
     assert set(found) == {f"{p}/Car{s}" for p in ("/World/Rig", "/World") for s in ("", "/Wheel")}

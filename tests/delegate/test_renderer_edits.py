@@ -11,7 +11,16 @@ import pytest
 from encore.errors import StageError
 from encore.renderer import Renderer
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
-from stages import add_material, add_point_instancer, add_square, bind, connect_texture, surface, write_image
+from stages import (
+    add_instance,
+    add_material,
+    add_point_instancer,
+    add_square,
+    bind,
+    connect_texture,
+    surface,
+    write_image,
+)
 from test_renderer import QUICK, equal, new_scene
 
 pytest.importorskip("encore._core")
@@ -45,9 +54,7 @@ def new_world(folder: Path) -> Usd.Stage:
     asset = stage.CreateClassPrim("/Asset")
     add_square(stage, "/Asset/Square")
     for i in range(2):
-        prim = stage.DefinePrim(f"/World/Copy{i}", "Xform")
-        prim.GetReferences().AddInternalReference(asset.GetPath())
-        prim.SetInstanceable(True)
+        prim = add_instance(stage, f"/World/Copy{i}", asset.GetPath())
         UsdGeom.XformCommonAPI(prim).SetTranslate((2 + 1.5 * i, -5, -9))
     # A PointInstancer, textured.
     instancer = add_point_instancer(stage, "/World/Dots", ["/World/Dots/Dot"], [0, 0, 0])

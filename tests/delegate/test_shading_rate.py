@@ -9,7 +9,7 @@ from encore.dump import dump
 from encore.errors import StageError
 from encore.render_index import Translation
 from pxr import Gf, Sdf, Usd, UsdGeom
-from stages import add_point_instancer, add_square, instances, meshes, translate
+from stages import add_instance, add_point_instancer, add_square, instances, meshes, translate
 
 RATE = "encore:shadingRate"
 NO_RATE = (0, 0, 0)
@@ -53,13 +53,6 @@ def add_asset(stage: Usd.Stage, meshes: int = 1, path: str = "/Asset") -> None:
     stage.CreateClassPrim(path)
     for i in range(meshes):
         add_square(stage, f"{path}/M{i}")
-
-
-def add_instance(stage: Usd.Stage, path: str, source: str = "/Asset") -> Usd.Prim:
-    prim = UsdGeom.Xform.Define(stage, path).GetPrim()
-    prim.GetReferences().AddInternalReference(source)
-    prim.SetInstanceable(True)
-    return prim
 
 
 # --- Prims -------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from encore.dump import dump
 from encore.errors import StageError
 from encore.render_index import RenderIndex, SyncOptions, Translation
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
-from stages import instances, kinds, meshes, translate
+from stages import add_instance, instances, kinds, meshes, translate
 
 CHARACTER = "/World/Character"
 SKELETON, ANIMATION, MESH = (f"{CHARACTER}/{name}" for name in ("Skeleton", "Animation", "Mesh"))
@@ -620,9 +620,7 @@ def test_instances_within_a_character_are_where_its_skeleton_is(stage: Usd.Stage
     api = UsdSkel.BindingAPI.Apply(stage.GetPrimAtPath(CHARACTER))
     api.CreateSkeletonRel().SetTargets([SKELETON])
     for i in range(2):
-        prim = stage.DefinePrim(f"{CHARACTER}/Part{i}", "Xform")
-        prim.GetReferences().AddInternalReference("/Part")
-        prim.SetInstanceable(True)
+        prim = add_instance(stage, f"{CHARACTER}/Part{i}", "/Part")
         UsdGeom.XformCommonAPI(prim).SetTranslate((5.0 * i, 0, 0))
     found = translate(stage, time=Usd.TimeCode(3))
     np.testing.assert_allclose(

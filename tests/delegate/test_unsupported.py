@@ -3,7 +3,7 @@
 import pytest
 from encore.render_index import Translation
 from pxr import Sdf, Usd, UsdGeom, UsdProc, UsdShade, UsdVol, Vt
-from stages import add_material, add_point_instancer, add_square, bind, instances, translate
+from stages import add_instance, add_material, add_point_instancer, add_square, bind, instances, translate
 
 TYPES = (
     "HermiteCurves",
@@ -57,9 +57,7 @@ def test_in_prototypes(stage: Usd.Stage, name: str) -> None:
     stage.DefinePrim("/Asset/Other", name)
     stage.GetPrimAtPath("/Asset").SetSpecifier(Sdf.SpecifierClass)
     for i in range(3):
-        prim = stage.DefinePrim(f"/World/I{i}", "Xform")
-        prim.GetReferences().AddInternalReference("/Asset")
-        prim.SetInstanceable(True)
+        add_instance(stage, f"/World/I{i}")
     translation = translate(stage, strict=True)
     assert reported(translation, f"unsupported {name}").startswith("Warning: /World/I0/Other:")
     assert len(instances(translation)) == 3
@@ -71,9 +69,7 @@ def test_draw_modes(stage: Usd.Stage, mode: str) -> None:
     add_square(stage, "/World/Plain/Mesh")
     add_square(stage, "/Asset/Mesh")
     stage.GetPrimAtPath("/Asset").SetSpecifier(Sdf.SpecifierClass)
-    instance = stage.DefinePrim("/World/Instance", "Xform")
-    instance.GetReferences().AddInternalReference("/Asset")
-    instance.SetInstanceable(True)
+    instance = add_instance(stage, "/World/Instance")
     add_square(stage, "/World/Instancer/A")
     instancer = add_point_instancer(stage, "/World/Instancer", ["/World/Instancer/A"], [0])
     for prim in (stage.GetPrimAtPath("/World/Plain"), instance, instancer.GetPrim()):
